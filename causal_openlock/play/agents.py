@@ -49,11 +49,7 @@ NOT_DONE = "Nothing was done."
 
 
 class Subject:
-    """One subject: its game, in its own words.
-
-    Args:
-        people: Who it is one of.
-        name: What it is known by; a name that has been here continues.
+    """One subject: its game, in its own words; a name that has been here continues.
 
     Raises:
         Refused: If no more subjects can join, or it can be no name.
@@ -159,9 +155,7 @@ class Subject:
 class Agents:
     """All subjects of a folder, as a server of the protocol.
 
-    Args:
-        people: The games.
-        name: The subject that all requests are from; by default the path of each says it.
+    Requests are from the subject of the ``name``, or without one from that in each one's path.
     """
 
     def __init__(self, people: People, name: str = "") -> None:

@@ -32,12 +32,7 @@ OWN = (*DATA, "experiment.json", LOG, RECRUITED, "consent_*.md", ".*")
 def forget_person(
     folder: Path | str, subject: int, condition: str | None = None
 ) -> tuple[list[Path], list[str]]:
-    """Delete all data of one person.
-
-    Args:
-        folder: A results folder of ``play`` or ``import``.
-        subject: Number of the person in the condition.
-        condition: Its name; it may be left out where there is one only.
+    """Delete all data of one person, by their number in a condition or in the only one.
 
     Returns:
         The files that were deleted, and the names of all else in the folder.

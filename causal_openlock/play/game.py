@@ -51,11 +51,7 @@ class Refused(OpenLockError):  # noqa: N818 - an answer to the page
 
 
 class Game:
-    """One person's game.
-
-    Args:
-        joined: When the person joined, as which number, and what for.
-        cell: Which rooms are visited, with what budgets and seed.
+    """One person's game, in the rooms of a cell.
 
     Attributes:
         turn: How many turns have been taken.

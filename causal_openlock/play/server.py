@@ -24,11 +24,14 @@ proxy it also accepts the address that people use, which it has to be given.
 from __future__ import annotations
 
 import mimetypes
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
 from typing import Annotated, Any, TypeVar
-from urllib.parse import urlsplit
+from urllib.parse import quote, urlsplit
 
-from pydantic import Field, ValidationError
+from markdown_it import MarkdownIt
+from pydantic import Field, HttpUrl, ValidationError
 
 from causal_openlock.errors import OpenLockError, StoreError
 
@@ -50,11 +53,12 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from causal_openlock.files.validation import StrictModel, adapter
-from causal_openlock.play import pages
+from causal_openlock.physics.geometry import BAR_LENGTH, BAR_WIDTH, DOOR_SWING, HANDLE, RoomGeometry
 from causal_openlock.play.game import PRACTICE, Answer, Refused
 from causal_openlock.play.log import Move
 from causal_openlock.play.people import People
-from causal_openlock.world.room import positions_for
+from causal_openlock.world.facts import room_facts
+from causal_openlock.world.room import position_names, positions_for
 
 MOST_BYTES = 4096  # in the body of a request; three long identifiers have room
 HEADERS = {
@@ -95,17 +99,10 @@ class PlayServer(WebServer):
         completion: str = "",
         changed: Callable[[], None] = lambda: None,
     ) -> None:
-        self.completion = pages.completion(completion, people.recruiting)
-        self.address = pages.public_address(address)
+        self.completion = completion_page(completion, people.recruiting)
+        self.address = public_address(address)
         self.host, self.loopback = host, host in LOOPBACK
-        super().__init__(
-            people,
-            self._application(people),
-            host=host,
-            port=port,
-            headers=HEADERS,
-            changed=changed,
-        )
+        super().__init__(people, self._application(people), host, port, HEADERS, changed)
 
     # -- what is answered -----------------------------------------------------------------------
 
@@ -126,17 +123,18 @@ class PlayServer(WebServer):
         )
 
     def _brief(self) -> dict[str, Any]:
+        markdown = MarkdownIt("commonmark", {"html": False})  # what is HTML is shown as written
         experiment = self.people.experiment
         (entry,) = experiment.learners
         schemas = [schema for condition in experiment.conditions for schema in condition.schemas]
         sizes = {*map(positions_for, [PRACTICE, *schemas])}
         return {
             "positions": max(map(positions_for, schemas)),
-            "geometry": {size: pages.geometry(size) for size in sizes},
+            "geometry": {size: geometry(size) for size in sizes},
             "action_limits": sorted({*map(entry.protocol.actions_for, schemas)}),
             "attempt_limit": entry.protocol.attempt_limit,
             "practice": self.people.practice,
-            "consent": pages.as_html(self.people.consent),
+            "consent": markdown.render(self.people.consent),
             "consent_mark": self.people.consent_mark,
             "recruiting": self.people.recruiting,
         }
@@ -152,7 +150,7 @@ class PlayServer(WebServer):
         """What a person may know now; the link, which may be worth money, only at the end."""
         now = said.get("next", said)
         if self.completion and now["stage"] == "end":
-            now["completion"] = pages.filled(self.completion, self.people.identifiers(person))
+            now["completion"] = filled(self.completion, self.people.identifiers(person))
         return said
 
     async def _refused(self, request: Request, error: Exception) -> Response:
@@ -202,3 +200,90 @@ def _session(request: Request) -> str:
     """The session id of a request; a wrong one is nobody's."""
     kind, _, session_id = request.headers.get("authorization", "").partition(" ")
     return session_id if kind == "Bearer" else ""
+
+
+# -- what the page is told, and where people come from and go -------------------------------------
+
+
+def geometry(positions: int) -> dict[str, Any]:
+    """Geometry of a room of some size, as the page needs it; it holds nothing latent.
+
+    See :class:`~causal_openlock.physics.geometry.RoomGeometry`.
+    """
+    facts = room_facts()
+    return {
+        **asdict(RoomGeometry.of(positions)),
+        "names": [_in_words(name) for name in position_names(positions)],
+        "bar_length": BAR_LENGTH,
+        "bar_width": BAR_WIDTH,
+        "track_width": facts["track"]["width"],
+        "button_side": facts["button"]["side"],
+        "swing": DOOR_SWING,
+        "handle": HANDLE,
+    }
+
+
+def _in_words(name: str) -> str:
+    """``UPPERRIGHT`` in words: ``upper right``."""
+    if not name.isalpha():
+        return f"number {int(name[1:]) + 1}"
+    return re.sub(r"^(upper|lower)\B", r"\1 ", name.lower())
+
+
+def completion_page(address: str, names: Sequence[str]) -> str:
+    """The address of the page of completion, if it is one.
+
+    Raises:
+        OpenLockError: If it is not, or has a placeholder that no identifier fills in.
+    """
+    example = filled(address, dict.fromkeys(names, "x"))
+    if address and not _web_page(example):
+        raise OpenLockError(
+            f"{address!r} is not an address of a page; give one such as "
+            "https://app.prolific.com/submissions/complete?cc=C0DE"
+        )
+    if left := re.search(r"[{}<>]|%(?![0-9a-fA-F]{2})\w*%?", example):
+        raise OpenLockError(
+            f"--completion {address} has {left[0]}, which nothing fills in; %NAME% is filled in "
+            "with the identifier NAME of --recruiting, and a percent sign is written %25"
+        )
+    return address
+
+
+def filled(address: str, identifiers: Mapping[str, str]) -> str:
+    """An address with a person's identifiers in the place of their names.
+
+    >>> filled("https://a.org/?code=%PID%", {"PID": "a&b"})
+    'https://a.org/?code=a%26b'
+    """
+    for name, value in identifiers.items():
+        address = address.replace(f"%{name}%", quote(value, safe=""))
+    return address
+
+
+def public_address(address: str) -> str:
+    """An address that people can type, with a slash at its end; empty without one.
+
+    Raises:
+        OpenLockError: If it is not the address of a whole server.
+
+    >>> public_address("https://Study.example.org")
+    'https://study.example.org/'
+    """
+    url = _web_page(address)
+    whole = url and url.path == "/" and not (url.query or url.fragment or url.username)
+    if address and not whole:
+        raise OpenLockError(
+            f"{address!r} is not an address of a server; give one such as "
+            "https://study.example.org, without a path: the page needs a host name of its own"
+        )
+    return str(url or "")
+
+
+def _web_page(address: str) -> HttpUrl | None:
+    """An address of a page; None if it is not one."""
+    try:
+        url: HttpUrl = adapter(HttpUrl).validate_python(address)
+    except ValidationError:
+        return None
+    return url

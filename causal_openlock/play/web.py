@@ -22,25 +22,16 @@ KEEP_EVERY = 10.0  # seconds between two writings of the record; the log has eve
 
 
 class WebServer:
-    """Serves an application, and keeps the record of its people meanwhile.
-
-    Args:
-        people: The people who play.
-        application: What answers requests.
-        host: Address to listen on.
-        port: Port to listen on; 0 for any that is free.
-        headers: Headers of every answer.
-        changed: Called soon after somebody has joined or finished.
+    """Serves an application, with these headers, and keeps the record of its people meanwhile.
 
     Raises:
-        OpenLockError: If it cannot listen there.
+        OpenLockError: If it cannot listen on this host and port (0 for any that is free).
     """
 
     def __init__(
         self,
         people: People,
         application: Starlette,
-        *,
         host: str = LOOPBACK[0],
         port: int = 0,
         headers: dict[str, str] | None = None,
