@@ -21,9 +21,8 @@ from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import in_rows, panels
 from causal_openlock.design.figure import draw_confusion
 from causal_openlock.paper.likeness import PUBLISHED_MODEL
-from causal_openlock.paper.likeness_figure import draw_points
-from evidence.derived import beside_people
-from evidence.measured import Evidence
+from causal_openlock.paper.likeness_section import draw_points
+from evidence.measured import Evidence, beside_people
 from evidence.published import BLOCK, PUBLISHED, RL_2020
 from evidence.run import read_units
 from evidence.study import ATTEMPTS, DERIVED, NO_SHARES, Table

@@ -24,7 +24,7 @@ from causal_openlock.analysis.topics.structure_recovery import plot_structure_re
 from causal_openlock.analysis.topics.survival import plot_survival
 from causal_openlock.analysis.topics.transfer import plot_savings
 from causal_openlock.files.validation import check_arguments
-from causal_openlock.paper.likeness_figure import plot_likeness
+from causal_openlock.paper.likeness_section import plot_likeness
 
 
 def _method(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -22,7 +22,7 @@ from causal_openlock.fitting import to_means
 from causal_openlock.fitting.hierarchical import ROUNDS, fit_group
 from causal_openlock.fitting.plan import Plan
 from causal_openlock.fitting.to_actions import fit_all, fit_table, groups_of
-from causal_openlock.paper.likeness_figure import CLEAR, signs
+from causal_openlock.paper.likeness_section import CLEAR, signs
 from causal_openlock.scoring.recorded import recorded_subjects
 from causal_openlock.scoring.scores import choices_in
 from causal_openlock.scoring.teacher_forcing import known_learners

@@ -51,7 +51,7 @@ from causal_openlock.paper.likeness import (
     points_of,
     points_of_model,
 )
-from causal_openlock.paper.likeness_figure import draw_points
+from causal_openlock.paper.likeness_section import draw_points
 from causal_openlock.paper.noise_ceiling import (
     CURVE,
     CURVE_NUMBERS,
@@ -208,19 +208,9 @@ class MeansFit:
 
 
 def fit(
-    plan: Plan,
-    folder: Path,
-    *,
-    workers: int = 1,
-    report: Callable[[str], None] = lambda step: None,
+    plan: Plan, folder: Path, *, workers: int = 1, report: Callable[[str], None] = lambda step: None
 ) -> MeansFit:
-    """Fit a learner to means, or do the rest of a fit that was stopped.
-
-    Args:
-        plan: Its settings, from :func:`means_plan`.
-        folder: Where distances of candidates are stored.
-        workers: How many processes play; with one it is this process.
-        report: Called with each step, in words.
+    """Fit a learner to means by a :func:`means_plan`, or do the rest of a fit that was stopped.
 
     Raises:
         OpenLockError: If the folder cannot be written to.

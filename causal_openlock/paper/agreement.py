@@ -96,12 +96,7 @@ def share_text(shares: FloatArray) -> str:
 
 
 def beside_paper(parts: pd.DataFrame, phase: str, conditions: Iterable[str]) -> pd.DataFrame:
-    """Compare shares of attempts and of visits with the paper's, block by block.
-
-    Args:
-        parts: From :func:`~causal_openlock.analysis.topics.learning.shares`.
-        phase: ``train`` or ``test``.
-        conditions: Which are compared, in order.
+    """Compare :func:`~causal_openlock.analysis.topics.learning.shares` with the paper's, by block.
 
     Returns:
         A row for each measure, condition and learner with as many blocks as the paper has, after

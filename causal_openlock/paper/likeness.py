@@ -30,12 +30,7 @@ from causal_openlock.analysis.measures import (
     mean_by_trial,
 )
 from causal_openlock.analysis.results.references import POINT, Reference
-from causal_openlock.paper.published import (
-    model,
-    model_in_training,
-    people,
-    people_in_training,
-)
+from causal_openlock.paper.published import model, model_in_training, people, people_in_training
 
 PUBLISHED_MODEL = "published model"
 TRAINING_MODEL = "model of CogSci 2019"
@@ -114,9 +109,6 @@ def training_points_of(trials: pd.DataFrame) -> pd.DataFrame:
     """Means of each learner in the training trials of the transfer conditions.
 
     As published of people, conditions with the same training are taken together.
-
-    Args:
-        trials: As for :func:`points_of`.
 
     Returns:
         The twelve training trials, in the form of :func:`points_of`; a ``condition`` is the schema
@@ -205,11 +197,6 @@ class Likeness(NamedTuple):
 
 def likeness(trials: pd.DataFrame, people: Reference, learners: Sequence[str]) -> Likeness | None:
     """Compare learners that played all six conditions as people did, and the published model.
-
-    Args:
-        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
-        people: People, with the learners that they are compared with.
-        learners: Their labels.
 
     Returns:
         None if there are none.

@@ -197,14 +197,9 @@ def rmse_difference(
 ) -> Difference:
     """The difference of two models' distances from people, with a verdict.
 
-    People's means are drawn anew, the same for both models. In the difference of mean squares
-    people's sampling error has no bias, as it is in both terms; the interval is computed there and
-    divided by the sum of the two RMSEs.
-
-    Args:
-        points: Of the two models, in the same order.
-        drawn: :func:`drawn_means` of each.
-        rng: Generator of people's means.
+    People's means are drawn anew, the same for both models, whose own are :func:`drawn_means`. In
+    the difference of mean squares people's sampling error has no bias, as it is in both terms; the
+    interval is computed there and divided by the sum of the two RMSEs.
     """
     people = rng.normal(points[0]["people_mean"], _error(points[0], "people_"), drawn[0].shape)
     squares = [((own - people) ** 2).mean(axis=1) - own.var(axis=0).mean() for own in drawn]
@@ -216,9 +211,7 @@ def rmse_difference(
 
 
 def beside_null_models(
-    like: Likeness,
-    trials: pd.DataFrame,
-    fitted: Mapping[str, int] = MappingProxyType({}),
+    like: Likeness, trials: pd.DataFrame, fitted: Mapping[str, int] = MappingProxyType({})
 ) -> pd.DataFrame:
     """Distances from people, next to the noise ceiling and null models.
 

@@ -35,15 +35,6 @@ def people() -> pd.DataFrame:
     return _means(human, int(human["n_per_condition"]))
 
 
-def minutes() -> dict[str, float]:
-    """About how many minutes people took, as printed.
-
-    >>> minutes()
-    {'baseline': 17.4, 'transfer': 17.3}
-    """
-    return dict(facts.results()["cogsci2018"]["human"]["minutes"])
-
-
 def model() -> pd.DataFrame:
     """The theory-based model's means, in the form of :func:`people`; ``se`` as drawn."""
     return _means(facts.results()["aaai2020"]["model"], AGENTS)

@@ -14,6 +14,7 @@ from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.references import POINT_COLUMNS, Reference
 from causal_openlock.experiment.declare import HUMAN_PROTOCOL, PROTOCOLS, Condition, LearnerSpec
 from causal_openlock.paper import published
+from causal_openlock.world import facts
 
 PEOPLE = "people"
 
@@ -28,7 +29,7 @@ def people() -> Reference:
         detail="published",
         source="Edmonds et al., 2018",
         prefix="human",
-        minutes=published.minutes(),
+        minutes=facts.results()["cogsci2018"]["human"]["minutes"],
     )
 
 

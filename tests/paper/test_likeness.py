@@ -19,8 +19,13 @@ from causal_openlock.paper.likeness import (
     points_of_model,
     points_of_people,
 )
-from causal_openlock.paper.likeness_figure import MOST_DRAWN, draw_points, plot_likeness, signs
-from causal_openlock.paper.likeness_section import TOPIC
+from causal_openlock.paper.likeness_section import (
+    MOST_DRAWN,
+    TOPIC,
+    draw_points,
+    plot_likeness,
+    signs,
+)
 from causal_openlock.paper.published import model
 from support.fabricated_records import table
 from support.made_up_experiments import BESIDE_ALL, NOBODY

@@ -6,7 +6,7 @@ import pytest
 import causal_openlock as ol
 from causal_openlock.analysis.results.reading import read_results, without_excluded
 from causal_openlock.errors import StoreError
-from causal_openlock.paper.published import minutes
+from causal_openlock.paper.references import people
 from causal_openlock.storage.store import Store
 from support.command import at_once
 from support.imported import imported, rows
@@ -19,7 +19,7 @@ def test_minutes_are_a_median_of_people_and_learners_have_none(tmp_path):
     """Six actions from the first to the last: five steps of a minute, of two and of nine."""
     several = [rows(n, True, 60.0 * step) for n, step in enumerate((1, 2, 9))]
     results = ol.open_results(imported(tmp_path, *several))
-    assert minutes() == {"baseline": 17.4, "transfer": 17.3}
+    assert people().minutes == {"baseline": 17.4, "transfer": 17.3}
     told = "3 people took 10.0 minutes in a baseline (median)"
     page = results.report().path.read_text(encoding="utf-8")
     for text in (results.methods(), page):
