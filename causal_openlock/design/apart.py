@@ -56,14 +56,7 @@ def unknown(theory: LearnerSpec) -> dict[str, Range]:
 
 
 def drawn(theory: LearnerSpec, seed: int, use: str, number: int) -> LearnerSpec:
-    """A theory with its unknown parameters drawn.
-
-    Args:
-        theory: The theory.
-        seed: Seed of the experiment.
-        use: What the draws are for; another word gives other values.
-        number: Which draw.
-    """
+    """A theory with its unknown parameters drawn; each ``use`` has draws of its own."""
     parameters = dict(theory.parameters)
     for name, bounds in unknown(theory).items():
         (generator,) = generators(seed, f"{use}/{name}", [number])

@@ -13,11 +13,7 @@ from causal_openlock.design.telling import confusion
 
 
 def draw_confusion(sizes: pd.DataFrame) -> Figure:
-    """Draw who is attributed to whom.
-
-    Args:
-        sizes: From :func:`~causal_openlock.design.telling.by_size`.
-    """
+    """Draw who is attributed to whom, by :func:`~causal_openlock.design.telling.by_size`."""
     with style.settings():
         figure = Figure(figsize=(3 * 4.2, 4.6), layout="constrained")
         single, groups, by_size = figure.subplots(1, 3)

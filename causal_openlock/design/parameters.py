@@ -28,11 +28,7 @@ from causal_openlock.world.randomness import generators
 
 
 def searched(spec: LearnerSpec, ranges: Sequence[str] = ()) -> Plan:
-    """Search space of a learner as it is set.
-
-    Args:
-        spec: The learner.
-        ranges: As on the command line, ``name=low:high``; by default those of its search space.
+    """Search space of a learner as it is set, or these ranges as on the command line.
 
     Raises:
         OpenLockError: If there are none, or they do not fit the learner.
@@ -64,16 +60,9 @@ def parameters_recovered(
 ) -> pd.DataFrame:
     """Simulate subjects with drawn parameters of a learner, and fit its parameters to them.
 
-    Args:
-        spec: The learner.
-        space: What is drawn from and searched, from :func:`searched`.
-        experiment: Its conditions and seed.
-        folder: Where the fits are stored, so that the work continues after an interruption.
-        sets: Sets of parameters to recover.
-        candidates: Sets of parameters to try for each fit.
-        lapse: The share of actions that are taken to be random.
-        workers: Number of processes that fit.
-        report: Called with how many sets are fitted, of how many.
+    The ``space``, from :func:`searched`, is what ``sets`` of them are drawn from and searched, with
+    this number of ``candidates`` for each. Fits are stored in the folder, where the work continues
+    after an interruption.
 
     Returns:
         A row for each ``set`` and ``parameter``: the ``true`` value, the ``fitted`` one, and

@@ -55,9 +55,7 @@ def _nats(subjects: pd.DataFrame) -> pd.DataFrame:
 def by_size(subjects: pd.DataFrame, seed: int = 0) -> pd.DataFrame:
     """How often groups of any size are attributed to each theory.
 
-    Args:
-        subjects: The subjects.
-        seed: Of the groups, which are drawn; groups of one are each subject once.
+    Groups are drawn; those of one are each subject once.
 
     Returns:
         A row for each ``learner`` that made subjects, ``condition`` and number of ``subjects`` in a
@@ -78,13 +76,8 @@ def by_size(subjects: pd.DataFrame, seed: int = 0) -> pd.DataFrame:
 def confusion(sizes: pd.DataFrame, of_groups: bool = False) -> pd.DataFrame:
     """Confusion of theories: rows made subjects, columns are what they are attributed to.
 
-    Args:
-        sizes: From :func:`by_size`.
-        of_groups: Whether it is of groups, as large as there are subjects in a condition, and not
-            of single subjects.
-
-    Returns:
-        Shares, of which each condition has the same part.
+    The shares, to which each condition contributes alike, are of single subjects or of groups as
+    large as there are subjects in a condition, from :func:`by_size`.
     """
     names = list(sizes.columns[3:])
     largest = sizes.groupby(["learner", "condition"], observed=True)["subjects"].transform("max")

@@ -60,14 +60,7 @@ def fit_group(
     workers: int = 1,
     report: Callable[[str], None] = lambda what: None,
 ) -> tuple[list[Fitted], int]:
-    """Fit a group and its subjects, or what is missing of such a fit.
-
-    Args:
-        parts: The subjects.
-        plan: The settings of the fit.
-        folder: Where it is stored.
-        workers: How many processes fit.
-        report: Called with each step, in words.
+    """Fit a group and its subjects, or what is missing of such a fit in the folder.
 
     Returns:
         The fits of the group and of all subjects, by fold; and the number of rounds that the

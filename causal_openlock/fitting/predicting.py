@@ -86,9 +86,7 @@ class FitOfActions:
 def read_fit(folder: Path, named: Collection[str] = ()) -> FitOfActions:
     """A fit to actions, from its folder; those of version 0.2 are read as well.
 
-    Args:
-        folder: Where ``fit --to`` wrote it.
-        named: Learners that may be used whatever they are.
+    Learners that are ``named`` may be used whatever they are.
 
     Raises:
         StoreError: If there is none, it is not whole, its learner has to be named, or is of other
@@ -213,10 +211,7 @@ def score_folder(
 
 
 def _check(
-    fits: Sequence[FitOfActions],
-    learners: Sequence[str],
-    subjects: Mapping[str, str],
-    lapse: float,
+    fits: Sequence[FitOfActions], learners: Sequence[str], subjects: Mapping[str, str], lapse: float
 ) -> None:
     """Refuse fits that cannot be compared, or that are of other actions of these subjects."""
     labels = [*learners, *(fit.label for fit in fits)]

@@ -139,15 +139,7 @@ def without_effect(
 
 
 def require_effect(idle: Sequence[Collection[str]], learner: str) -> None:
-    """Refuse a parameter that makes no difference to any of some subjects, or fits.
-
-    Args:
-        idle: For each of them, the parameters that make none.
-        learner: The learner that is fitted.
-
-    Raises:
-        LearnerError: If there is such a parameter.
-    """
+    """Raise LearnerError if a parameter is ``idle``, making no difference, in each of some fits."""
     first, *others = idle or [()]
     for name in first:
         if all(name in names for names in others):

@@ -193,12 +193,7 @@ def fit_all(
 ) -> list[Fitted]:
     """Do all fits of a plan, or those that are missing; finished fits are stored in the folder.
 
-    Args:
-        groups: The subjects that are fitted to, from :func:`groups_of`.
-        plan: The settings.
-        folder: Where fits are stored.
-        workers: How many processes fit.
-        report: Called with the number of finished fits, and of all.
+    ``report`` is called with the number of finished fits, and of all.
 
     Raises:
         StoreError: If another process fits in the folder, or a stored fit is none.

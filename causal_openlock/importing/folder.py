@@ -44,17 +44,11 @@ SLOW = 60.0
 
 @dataclass(frozen=True)
 class Imported:
-    """Summary of an import.
+    """Summary of an import."""
 
-    Attributes:
-        subjects: How many subjects have a trial that is over.
-        attempts: How many attempts of trials that are over.
-        warnings: A sentence for each subject whose last trial is not over, and on times that are
-            too long.
-    """
-
-    subjects: int
-    attempts: int
+    subjects: int  #: how many subjects have a trial that is over
+    attempts: int  #: how many attempts of trials that are over
+    #: a sentence for each subject whose last trial is not over, and on times that are too long
     warnings: tuple[str, ...]
 
 

@@ -27,16 +27,10 @@ def draw_scores(
     choices: Mapping[str, int],
     ax: Any = None,
 ) -> Any:
-    """Draw a panel for each condition, with a line for each learner that predicts.
+    """Draw a panel for each condition, with a line for each learner that predicts; see ``plot``.
 
-    Args:
-        table: A row for each ``scored`` learner, condition and trial, from
-            :meth:`~causal_openlock.scoring.scores.Scores.over`.
-        each: The ``bits`` of each subject in each trial, as they are drawn behind the means.
-        names: Labels of the learners, in the order of the legend.
-        choices: By condition, among how many actions one that knows nothing chooses; where it is
-            not known, no level is drawn.
-        ax: As for :func:`~causal_openlock.analysis.plots.attempts.plot_attempts`.
+    Behind the means of ``table`` are the subjects in ``each``. What one that knows nothing needs is
+    drawn where the number of ``choices`` in a condition is known.
     """
     table, each = (one[one["scored"].isin(names)].replace(np.inf, np.nan) for one in (table, each))
     levels = {name: float(np.log2(count)) for name, count in choices.items()}

@@ -203,15 +203,7 @@ def tiled(given: Any, copies: int) -> Any:
 def by_draws(
     part: Recorded, scored: LearnerSpec, draws: int | None, lapse: float, actions: int
 ) -> dict[str, NDArray[Any]]:
-    """``[B, T]`` scores of what subjects did, by asking copies of a learner.
-
-    Args:
-        part: The subjects.
-        scored: The learner.
-        draws: How often to ask, as for :func:`limit_of_draws`.
-        lapse: The share of a subject's actions that are taken to be random.
-        actions: How many actions there are to choose from.
-    """
+    """``[B, T]`` scores of what subjects did, by asking copies of a learner up to a limit."""
     tally = Tally(part.asked, part.starts.cumsum(axis=1), lapse, actions)
     asked, limit = 0, limit_of_draws(draws, lapse, actions)
     while asked < limit:
@@ -231,11 +223,7 @@ def by_draws(
 
 
 def _ask(
-    part: Recorded,
-    scored: LearnerSpec,
-    places: Sequence[int],
-    numbers: Sequence[int],
-    tally: Tally,
+    part: Recorded, scored: LearnerSpec, places: Sequence[int], numbers: Sequence[int], tally: Tally
 ) -> None:
     """Replay subjects with copies of the learner, each of a number, and note what they do."""
     session, learner = part.session(scored, places), create(scored.learner, scored.parameters)

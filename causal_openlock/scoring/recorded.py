@@ -135,13 +135,7 @@ def subject_names(table: pd.DataFrame) -> pd.Series:
 
 
 def record_digest(record: pa.Table, experiment: Experiment, learners: Collection[str]) -> str:
-    """Return a digest of what the subjects of some learners did and met.
-
-    Args:
-        record: Attempts, as :meth:`~causal_openlock.storage.store.Store.record` gives them.
-        experiment: The experiment that they are of.
-        learners: Labels; subjects of others may come and go.
-    """
+    """Return a digest of what subjects of these learners did and met; others may come and go."""
     attempts = record.select(ATTEMPT).to_pandas()
     attempts = attempts[attempts["learner"].isin(learners)]
     attempts = attempts.sort_values([*GROUP, "subject"], kind="stable")
@@ -165,12 +159,7 @@ def record_digest(record: pa.Table, experiment: Experiment, learners: Collection
 def recorded_subjects(
     record: pa.Table, experiment: Experiment, of: Sequence[str] = ()
 ) -> list[Recorded]:
-    """The subjects of a record, in parts that are played again together.
-
-    Args:
-        record: Attempts, as :meth:`~causal_openlock.storage.store.Store.record` gives them.
-        experiment: The experiment that they are of.
-        of: Labels of the learners whose subjects are wanted; by default all.
+    """The subjects of a record, or of some learners, in parts that are played again together.
 
     Raises:
         StoreError: If no subject has played, or what is on record cannot be played again.

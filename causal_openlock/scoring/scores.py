@@ -58,21 +58,16 @@ TRANSCRIPTS = "transcripts.jsonl"  #: what a learner that speaks was asked; the 
 
 @dataclass(frozen=True)
 class Scores:
-    """Scores of learners on recorded subjects.
+    """Scores of learners on recorded subjects."""
 
-    Attributes:
-        actions: A row for each action and learner, see
-            :func:`~causal_openlock.scoring.teacher_forcing.score_part`; all else follows.
-        choices: By condition, among how many actions subjects choose; empty where the experiment
-            is not known.
-        record: Digest of what was scored, from
-            :func:`~causal_openlock.scoring.recorded.record_digest`.
-        accounts: What learners say of their predictions; empty in stored scores.
-    """
-
+    #: a row for each action and learner, see
+    #: :func:`~causal_openlock.scoring.teacher_forcing.score_part`; all else follows
     actions: pd.DataFrame
+    #: by condition, among how many actions subjects choose; empty where the experiment is not known
     choices: Mapping[str, int] = field(default_factory=dict)
+    #: digest of what was scored, from :func:`~causal_openlock.scoring.recorded.record_digest`
     record: str = ""
+    #: what learners say of their predictions; empty in stored scores
     accounts: tuple[Account, ...] = ()
 
     @cached_property
