@@ -21,9 +21,6 @@ if TYPE_CHECKING:
 class BeliefLearner(Learner):
     """A learner whose beliefs can be inspected.
 
-    Attributes:
-        beliefs: What its subjects believe; set by :meth:`begin`.
-
     Example:
         >>> from causal_openlock import PROTOCOLS, Session, create, find_condition
         >>> session = Session(find_condition("CC3"), PROTOCOLS["human"], 1)
@@ -34,7 +31,7 @@ class BeliefLearner(Learner):
         (Belief(4,278 hypotheses, 7.86 bits), (7, 8))
     """
 
-    beliefs: Beliefs
+    beliefs: Beliefs  #: what its subjects believe; set by :meth:`begin`
 
     def belief(self, subject: int) -> Belief:
         """A subject's belief about its current room.

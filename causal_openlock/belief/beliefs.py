@@ -41,30 +41,20 @@ FEW_DRAWS = 40
 class Belief:
     """One subject's belief about its current room.
 
-    Attributes:
-        space: The hypotheses.
-        slots: ``[P]`` the slot of each position.
-        which: ``[E]`` indices of the hypotheses that are still possible, in ascending order.
-        weight: ``[E]`` their posterior probabilities.
-        start: ``[E]`` the baseline that a subject that forgets moves back to.
-        drawn: How many hypotheses were sampled, where there are too many to list.
-        possible: Whether any hypothesis explains what was observed.
-        attempts: The events of each attempt of this trial.
-
     Example:
         >>> import numpy as np
         >>> Belief(None, np.arange(3), np.arange(4), np.full(4, 0.25)).entropy
         2.0
     """
 
-    space: Space
-    slots: IntArray
-    which: IntArray
-    weight: FloatArray
-    start: FloatArray | None = None
-    drawn: int = 0
-    possible: bool = True
-    attempts: list[list[Event]] = field(default_factory=lambda: [[]])
+    space: Space  #: the hypotheses
+    slots: IntArray  #: ``[P]`` the slot of each position
+    which: IntArray  #: ``[E]`` indices of the hypotheses still possible, in ascending order
+    weight: FloatArray  #: ``[E]`` their posterior probabilities
+    start: FloatArray | None = None  #: ``[E]`` the baseline that forgetting moves back to
+    drawn: int = 0  #: how many hypotheses were sampled, where there are too many to list
+    possible: bool = True  #: whether any hypothesis explains what was observed
+    attempts: list[list[Event]] = field(default_factory=lambda: [[]])  #: events of each attempt
 
     @property
     def found(self) -> tuple[int, ...]:

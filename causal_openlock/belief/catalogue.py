@@ -41,20 +41,13 @@ class Catalogue:
 
     U behaviours, M labelled structures that have them, G pairs of a structure and a class that
     generates it, C classes and the free form.
-
-    Attributes:
-        members: ``[M]`` the structures.
-        behaviour: ``[M]`` which behaviour each has; ascending.
-        member: ``[G]`` the structure of each pair; ascending.
-        kind: ``[G]`` the class of each pair; C is the free form.
-        chance: ``[G]`` probability that the class generates the structure, of all on n levers.
     """
 
-    members: Structures
-    behaviour: IntArray
-    member: IntArray
-    kind: IntArray
-    chance: FloatArray
+    members: Structures  #: ``[M]`` the structures
+    behaviour: IntArray  #: ``[M]`` which behaviour each has; ascending
+    member: IntArray  #: ``[G]`` the structure of each pair; ascending
+    kind: IntArray  #: ``[G]`` the class of each pair; C is the free form
+    chance: FloatArray  #: ``[G]`` how likely the class generates the structure, of all on n levers
 
     @cached_property
     def behaviours(self) -> Hypotheses:

@@ -36,18 +36,12 @@ ENOUGH = {"any": 1, "two": 2, "three": 3, "four": 4}
 
 @dataclass(frozen=True, order=True)
 class Role:
-    """Interchangeable levers.
+    """Interchangeable levers."""
 
-    Attributes:
-        many: Whether any number of levers may play it, or exactly one.
-        causes: The roles that enable it, as a bit mask; 0 if its levers are free.
-        gate: How many of their levers must be pushed: ``any`` one, ``all``, ``two``; for the door
-            also ``three`` or ``four``.
-    """
-
-    many: bool
-    causes: int
+    many: bool  #: whether any number of levers may play it, or exactly one
+    causes: int  #: the roles that enable it, as a bit mask; 0 if its levers are free
     gate: str
+    """How many of their levers must be pushed, one of :data:`GATES`, or of :data:`DOOR_GATES`."""
 
     @property
     def length(self) -> int:
@@ -59,10 +53,6 @@ class Role:
 class SchemaClass:
     """Schemas of all sizes that share a description.
 
-    Attributes:
-        roles: The levers' roles, causes before effects.
-        door: The door's causes and gate.
-
     Example:
         >>> common_cause = SchemaClass(
         ...     (Role(False, 0, "any"), Role(True, 0b01, "any")), Role(False, 0b10, "any")
@@ -73,8 +63,8 @@ class SchemaClass:
         (4, [(1, 3)])
     """
 
-    roles: tuple[Role, ...]
-    door: Role
+    roles: tuple[Role, ...]  #: the levers' roles, causes before effects
+    door: Role  #: the door's causes and gate
 
     @cached_property
     def length(self) -> int:

@@ -51,35 +51,21 @@ RULES = ("grey", "white", "position")
 
 
 class RoomSight(NamedTuple):
-    """Features that distinguish rooms before anything is tried.
+    """Features that distinguish rooms before anything is tried."""
 
-    Attributes:
-        positions: Levers of the room, P.
-        grey: How many of them are grey.
-        solutions: Solutions that the console shows.
-        action_limit: Actions in an attempt.
-    """
-
-    positions: int
-    grey: int
-    solutions: int
-    action_limit: int
+    positions: int  #: levers of the room, P
+    grey: int  #: how many of them are grey
+    solutions: int  #: solutions that the console shows
+    action_limit: int  #: actions in an attempt
 
 
 @dataclass(frozen=True, eq=False)
 class Strengths:
-    """The possible strengths; the first is certainty.
+    """The possible strengths; the first is certainty."""
 
-    Attributes:
-        value: ``[G]`` the strengths.
-        prior: ``[G]`` their probabilities.
-        chance: ``[G, P + 1, 16]`` probability that at least ``threshold`` causes transmit: by
-            strength, by number of pushed causes, by threshold.
-    """
-
-    value: FloatArray
-    prior: FloatArray
-    chance: FloatArray
+    value: FloatArray  #: ``[G]`` the strengths
+    prior: FloatArray  #: ``[G]`` their probabilities
+    chance: FloatArray  #: ``[G, P + 1, 16]`` :func:`at_least` of each strength
 
     @property
     def typical(self) -> float:
@@ -129,17 +115,11 @@ def at_least(strength: float) -> FloatArray:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Space:
-    """Every hypothesis about rooms of one appearance, block by block.
+    """Every hypothesis about rooms of one appearance, block by block."""
 
-    Attributes:
-        sight: What these rooms look like.
-        strengths: The possible strengths.
-        blocks: Sets of active slots, each with what the levers there may do.
-    """
-
-    sight: RoomSight
-    strengths: Strengths
-    blocks: tuple[tuple[tuple[int, ...], Catalogue], ...]
+    sight: RoomSight  #: what these rooms look like
+    strengths: Strengths  #: the possible strengths
+    blocks: tuple[tuple[tuple[int, ...], Catalogue], ...]  #: active slots, and what those may do
 
     def __len__(self) -> int:
         return len(self.hypotheses)

@@ -28,15 +28,10 @@ Plan = tuple[int, ...] | None
 
 
 class Intention(NamedTuple):
-    """An intention of a subject.
+    """An intention of a subject."""
 
-    Attributes:
-        plan: The solution that it carries out.
-        tried: How many of its levers it has pushed, the last one perhaps without effect.
-    """
-
-    plan: Plan = None
-    tried: int = 0
+    plan: Plan = None  #: the solution that it carries out
+    tried: int = 0  #: how many of its levers it has pushed, the last one perhaps without effect
 
     def missing(self, pushed: int) -> list[int]:
         """The levers of the plan that are not pushed yet."""

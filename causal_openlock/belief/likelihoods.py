@@ -27,23 +27,14 @@ DOOR = -1
 
 
 class Event(NamedTuple):
-    """One action of one subject and its result.
+    """One action of one subject and its result."""
 
-    Attributes:
-        slot: Which lever was pushed or pulled; :data:`DOOR` for a push of the unlocked door.
-        pushed: The levers that were pushed before the action, as a bit mask of slots.
-        took_effect: Whether the lever moved, or the door opened.
-        unlocked: Whether the door was unlocked afterwards.
-        new: Whether a solution was found that had not been found before.
-        found: The pushed levers with which each solution so far was found.
-    """
-
-    slot: int
-    pushed: int
-    took_effect: bool
-    unlocked: bool
-    new: bool
-    found: tuple[int, ...] = ()
+    slot: int  #: which lever was pushed or pulled; :data:`DOOR` for a push of the unlocked door
+    pushed: int  #: the levers that were pushed before the action, as a bit mask of slots
+    took_effect: bool  #: whether the lever moved, or the door opened
+    unlocked: bool  #: whether the door was unlocked afterwards
+    new: bool  #: whether a solution was found that had not been found before
+    found: tuple[int, ...] = ()  #: the pushed levers with which each solution so far was found
 
 
 def observed(

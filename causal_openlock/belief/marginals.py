@@ -48,19 +48,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """A belief at one moment, spread over the structures that are possible.
+    """A belief at one moment, spread over the structures that are possible."""
 
-    Attributes:
-        structures: M structures, on the positions of the room.
-        behaviour: ``[M]`` numbers that are equal for those that behave alike.
-        strengths: The G possible strengths.
-        chance: ``[M, G]`` probability of each structure together with each strength.
-    """
-
-    structures: Structures
-    behaviour: IntArray
-    strengths: Strengths
-    chance: FloatArray
+    structures: Structures  #: M structures, on the positions of the room
+    behaviour: IntArray  #: ``[M]`` numbers that are equal for those that behave alike
+    strengths: Strengths  #: the G possible strengths
+    chance: FloatArray  #: ``[M, G]`` probability of each structure together with each strength
 
     @classmethod
     def of(cls, belief: Belief, classes: FloatArray) -> Posterior:
@@ -117,24 +110,17 @@ def expected_structure(structures: Structures, probability: FloatArray) -> Struc
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A subject's posterior at one moment, for pgmpy and networkx; it does not change later.
+    """A subject's posterior at one moment, for pgmpy and networkx; it does not change later."""
 
-    Attributes:
-        schema: The most probable structure; levers are named by position, here and below.
-        probability: Its probability, together with structures that behave alike in every attempt.
-        network: The same as a checked network: levers that are pushed once, causes before effects,
-            and a door that is then pushed open; for the meaning of its states see
-            :func:`~causal_openlock.schemas.bayes_net.to_bayesian_network`.
-        edges: ``[P, P + 1]`` posterior probability that the lever of the row enables that of the
-            column, or the door; averaged over all structures.
-        posterior: What all of them follow from.
-    """
-
-    schema: Schema
-    probability: float
+    schema: Schema  #: the most probable structure; levers are named by position, here and below
+    probability: float  #: its probability, together with structures that always behave alike
     network: DiscreteBayesianNetwork
+    """The same as a checked network: levers that are pushed once, causes before effects, and a door
+    that is then pushed open (:func:`~causal_openlock.schemas.bayes_net.to_bayesian_network`)."""
     edges: pd.DataFrame
-    posterior: Posterior = field(repr=False)
+    """``[P, P + 1]`` posterior probability that the lever of the row enables that of the column, or
+    the door; averaged over all structures."""
+    posterior: Posterior = field(repr=False)  #: what all of them follow from
 
     @property
     def graph(self) -> nx.DiGraph:

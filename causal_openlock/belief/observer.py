@@ -33,19 +33,12 @@ from causal_openlock.world.room import Layout
 
 
 class Worth(NamedTuple):
-    """Worth of an attempt; all but ``used`` are sums over its actions.
+    """Worth of an attempt; all but ``used`` are sums over its actions."""
 
-    Attributes:
-        used: How many actions it had.
-        regret: What the choices cost, in attempts.
-        gained: Bits of information that were gained.
-        useless: How many actions were known to be useless.
-    """
-
-    used: int
-    regret: float
-    gained: float
-    useless: int
+    used: int  #: how many actions it had
+    regret: float  #: what the choices cost, in attempts
+    gained: float  #: bits of information that were gained
+    useless: int  #: how many actions were known to be useless
 
 
 class Observer:

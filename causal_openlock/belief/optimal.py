@@ -40,21 +40,13 @@ TIE = 1e-9
 
 
 class Point(NamedTuple):
-    """A state of a trial.
+    """A state of a trial."""
 
-    Attributes:
-        possible: The possible hypotheses, as a bit mask.
-        found: The pushed levers with which solutions were found, in ascending order.
-        pushed: The pushed levers, as a bit mask of slots.
-        left: Actions left in the attempt; with none left the attempt is over.
-        changed: Whether something is known that was not when the attempt began.
-    """
-
-    possible: int
-    found: tuple[int, ...]
-    pushed: int
-    left: int
-    changed: bool = True
+    possible: int  #: the possible hypotheses, as a bit mask
+    found: tuple[int, ...]  #: the pushed levers with which solutions were found, in ascending order
+    pushed: int  #: the pushed levers, as a bit mask of slots
+    left: int  #: actions left in the attempt; with none left the attempt is over
+    changed: bool = True  #: whether something is known that was not when the attempt began
 
 
 class _Option(NamedTuple):

@@ -44,34 +44,21 @@ TIE = 1e-9
 
 @dataclass(frozen=True)
 class Objective:
-    """The objective that a plan maximises.
+    """The objective that a plan maximises."""
 
-    Attributes:
-        information: Weight of expected information, per bit.
-        beta: Weight of the probability of a new solution.
-        horizon: Actions to look ahead; ``None`` looks to the end of the attempt.
-    """
-
-    information: float = 1.0
-    beta: float = 3.0
-    horizon: int | None = None
+    information: float = 1.0  #: weight of expected information, per bit
+    beta: float = 3.0  #: weight of the probability of a new solution
+    horizon: int | None = None  #: actions to look ahead; ``None`` looks to the end of the attempt
 
 
 @dataclass(frozen=True)
 class Situation:
-    """The state of an attempt.
+    """The state of an attempt."""
 
-    Attributes:
-        pushed: The pushed levers, as a bit mask of slots.
-        unlocked: Whether the door is unlocked.
-        left: Actions left.
-        found: What was pushed when solutions were found.
-    """
-
-    pushed: int
-    unlocked: bool
-    left: int
-    found: tuple[int, ...]
+    pushed: int  #: the pushed levers, as a bit mask of slots
+    unlocked: bool  #: whether the door is unlocked
+    left: int  #: actions left
+    found: tuple[int, ...]  #: what was pushed when solutions were found
 
     @classmethod
     def of(

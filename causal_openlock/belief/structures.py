@@ -58,10 +58,6 @@ class Rows:
 class Structures(Rows):
     """M gate-DAGs on n levers; the last node is the door.
 
-    Attributes:
-        causes: ``[M, n + 1]`` for each node the set of levers that enable it, as a bit mask.
-        threshold: ``[M, n + 1]`` how many of them must be pushed; 0 for a free lever.
-
     Example:
         A chain: the first lever enables the second, and that one unlocks the door.
 
@@ -71,8 +67,8 @@ class Structures(Rows):
         array([3])
     """
 
-    causes: Masks
-    threshold: Counts
+    causes: Masks  #: ``[M, n + 1]`` for each node the set of levers that enable it, as a bit mask
+    threshold: Counts  #: ``[M, n + 1]`` how many of them must be pushed; 0 for a free lever
 
     @property
     def levers(self) -> int:
@@ -178,21 +174,13 @@ def behaviour_bytes(levers: int, action_limit: int) -> int:
 
 @dataclass(frozen=True, eq=False)
 class Hypotheses(Rows):
-    """H hypotheses about P levers by slot and a door, as arrays; the door is the last node.
+    """H hypotheses about P levers by slot and a door, as arrays; the door is the last node."""
 
-    Attributes:
-        causes: ``[H, P + 1]`` which slots enable each node, as a bit mask.
-        threshold: ``[H, P + 1]`` how many of them must be pushed.
-        inert: ``[H]`` slots that do nothing for the door.
-        solutions: ``[H, K]`` the solutions as sets of slots.
-        strength: ``[H]`` index of the strength.
-    """
-
-    causes: Masks
-    threshold: Counts
-    inert: Masks
-    solutions: Masks
-    strength: Counts
+    causes: Masks  #: ``[H, P + 1]`` which slots enable each node, as a bit mask
+    threshold: Counts  #: ``[H, P + 1]`` how many of them must be pushed
+    inert: Masks  #: ``[H]`` slots that do nothing for the door
+    solutions: Masks  #: ``[H, K]`` the solutions as sets of slots
+    strength: Counts  #: ``[H]`` index of the strength
 
     @property
     def structures(self) -> Structures:

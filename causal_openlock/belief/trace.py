@@ -61,40 +61,24 @@ RENEWED = {
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Moment:
-    """An action, and what the subject believes after it: a row of :meth:`Trace.table`.
+    """An action, and what the subject believes after it: a row of :meth:`Trace.table`."""
 
-    Attributes:
-        attempt: Number of the attempt in the trial, from 1; 0 before the first action.
-        number: Number of the action in the attempt, from 1.
-        action: The action, such as ``push_UPPER``.
-        outcome: Its result, one of :data:`OUTCOMES`.
-        chance: The subject's predictive probability of what it then observed.
-        entropy_before: Entropy of the belief before the action, in bits.
-        entropy_after: The same after it.
-        gain_predicted: Expected information gain of the action alone, in bits.
-        gain_obtained: Information gain in bits: the difference of the entropies.
-        renewed: Why the subject has other hypotheses than before, one of :data:`RENEWED`; empty if
-            they are the same. Entropies of different hypotheses differ by no information.
-        hypotheses: How many hypotheses are possible.
-        structure: The most probable structure, its levers named by position.
-        probability: Its probability.
-        edges: ``[P, P + 1]`` probability of each edge from a position to another or the door.
-    """
-
-    attempt: int = 0
-    number: int = 0
-    action: str = ""
-    outcome: str = ""
-    chance: float = 1.0
-    entropy_before: float
-    entropy_after: float
-    gain_predicted: float = 0.0
-    gain_obtained: float
+    attempt: int = 0  #: number of the attempt in the trial, from 1; 0 before the first action
+    number: int = 0  #: number of the action in the attempt, from 1
+    action: str = ""  #: the action, such as ``push_UPPER``
+    outcome: str = ""  #: its result, one of :data:`OUTCOMES`
+    chance: float = 1.0  #: the subject's predictive probability of what it then observed
+    entropy_before: float  #: entropy of the belief before the action, in bits
+    entropy_after: float  #: the same after it
+    gain_predicted: float = 0.0  #: expected information gain of the action alone, in bits
+    gain_obtained: float  #: information gain in bits: the difference of the entropies
     renewed: str = ""
-    hypotheses: int
-    structure: Schema
-    probability: float
-    edges: FloatArray
+    """Why the subject has other hypotheses than before, one of :data:`RENEWED`; empty if they are
+    the same. Entropies of different hypotheses differ by no information."""
+    hypotheses: int  #: how many hypotheses are possible
+    structure: Schema  #: the most probable structure, its levers named by position
+    probability: float  #: its probability
+    edges: FloatArray  #: ``[P, P + 1]`` probability of each edge between positions or to the door
 
     @classmethod
     def of(cls, learner: BeliefLearner, entropy_before: float, **action: Any) -> Moment:
@@ -116,25 +100,17 @@ class Moment:
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """One trial of one subject; N actions.
+    """One trial of one subject; N actions."""
 
-    Attributes:
-        learner: Label of the learner.
-        trial: Number of the trial in the condition, from 1, of ``trials``.
-        truth: The schema of the room, its levers named by position.
-        moments: The N + 1 beliefs: before the first action, and after each.
-        shown: Whether the subject was shown the trial and did not act itself.
-    """
-
-    learner: str
+    learner: str  #: label of the learner
     condition: str
     protocol: Protocol
     subject: int
-    trial: int
+    trial: int  #: number of the trial in the condition, from 1, of ``trials``
     trials: int
-    truth: Schema
-    moments: tuple[Moment, ...]
-    shown: bool = False
+    truth: Schema  #: the schema of the room, its levers named by position
+    moments: tuple[Moment, ...]  #: the N + 1 beliefs: before the first action, and after each
+    shown: bool = False  #: whether the subject was shown the trial and did not act itself
 
     @property
     def actions(self) -> tuple[Moment, ...]:

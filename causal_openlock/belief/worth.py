@@ -50,41 +50,26 @@ Among = str | Schema | Iterable[str | Schema] | Mapping[str | Schema, float]
 
 @dataclass(frozen=True)
 class Expected:
-    """The least expected attempts of an observer.
+    """The least expected attempts of an observer."""
 
-    Attributes:
-        attempts: Attempts until all solutions are found.
-        each: Attempts for the first, second, ... solution, under the optimal policy that finds
-            earlier ones soonest.
-        here: The same in rooms of the schema, under the optimal policy that needs least there.
-        states: States searched.
-    """
-
-    attempts: float
+    attempts: float  #: attempts until all solutions are found
     each: tuple[float, ...]
+    """For the first, second, ... solution, under the optimal policy with earlier ones soonest."""
     here: tuple[float, ...]
-    states: int
+    """The same in rooms of the schema, under the optimal policy that needs least there."""
+    states: int  #: states searched
 
 
 @dataclass(frozen=True)
 class SchemaWorth:
-    """Worth of knowing the schema: the answer of :func:`schema_worth`.
+    """Worth of knowing the schema: the answer of :func:`schema_worth`."""
 
-    Attributes:
-        schema: The schema that governs the room.
-        among: The schemas that are possible for who does not know, with their probabilities.
-        action_limit: Actions in an attempt.
-        levers_known: Whether it is known which levers are active.
-        known: Who knows which schema holds; the mean over the possible schemas.
-        unknown: Who does not; the mean over the possible schemas.
-    """
-
-    schema: Schema
-    among: Possible
-    action_limit: int
-    levers_known: bool
-    known: Expected
-    unknown: Expected
+    schema: Schema  #: the schema that governs the room
+    among: Possible  #: the schemas possible for who does not know, with their probabilities
+    action_limit: int  #: actions in an attempt
+    levers_known: bool  #: whether it is known which levers are active
+    known: Expected  #: who knows which schema holds; the mean over the possible schemas
+    unknown: Expected  #: who does not; the mean over the possible schemas
 
     @property
     def worth(self) -> float:
