@@ -8,7 +8,7 @@ room make up a causal schema, and some schemas are likelier than others.
   global ones, from room to room, and local ones, which begin each room in proportion to the global
   ones, between 1 and 10. Whatever changes the room adds ``local_gain`` to the local beliefs about
   its attributes; a finished trial adds ``global_gain``, shared out as its changes were.
-* **Top-down.** From general to particular (:mod:`openlock_learners.theory.chains`): atomic schemas,
+* **Top-down.** From general to particular (:mod:`openlock_learners.chains`): atomic schemas,
   with a Dirichlet belief that a solved room updates in favour of the nearest; abstract schemas,
   likelier the nearer they are to a likely atomic schema; instantiated schemas, equally likely
   within an abstract one, of which only those count that hold all solutions found and nothing that
@@ -36,6 +36,7 @@ paper publishes of its own model (evidence/rivals/fit.json).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated, Literal
@@ -48,13 +49,7 @@ from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.randomness import pick
 from causal_openlock.world.room import positions_for
-from openlock_learners.theory.chains import (
-    ATOMIC,
-    CHAIN_LIMIT,
-    edit_distances,
-    number_of_chains,
-)
-from openlock_learners.theory.possible_chains import RoomHypotheses
+from openlock_learners.chains import ATOMIC, CHAIN_LIMIT, RoomHypotheses, edit_distances
 
 MOST = 10.0
 """The greatest local belief at the start of a room; the least is 1."""
@@ -93,7 +88,8 @@ class TheoryBased(Learner):
         cls, parameters: TheoryBasedParameters, schema: Schema, action_limit: int
     ) -> str:
         """Refuse rooms with more chains of levers than can be listed."""
-        many = number_of_chains(positions_for(schema), action_limit - 1)
+        length = action_limit - 1
+        many = math.perm(positions_for(schema), length) << length  # each lever pushed or pulled
         if many <= CHAIN_LIMIT:
             return ""
         return f"it would have to list {many:,} chains of levers, too many"
@@ -150,10 +146,12 @@ class TheoryBased(Learner):
 
     def _top_down(self, subject: int, room: RoomHypotheses) -> FloatArray:
         """``[C]`` how likely each chain is, by the schemas that it completes."""
-        belief = None
-        if self.parameters.top_down and room.structured:
-            belief = self._abstract(room, self._drawn(subject, self._atomic[subject]))
-        return room.likelihood(belief)
+        possible = room.possible
+        if not (self.parameters.top_down and len(possible.share)):
+            return possible.left.astype(float)
+        belief = self._abstract(room, self._drawn(subject, self._atomic[subject]))
+        likely: FloatArray = belief @ possible.likely
+        return likely
 
     def _abstract(self, room: RoomHypotheses, atomic: FloatArray) -> FloatArray:
         """``[G]`` probability of each abstract schema, by that ``[3]`` of the atomic ones."""
@@ -250,7 +248,7 @@ class TheoryBased(Learner):
         A lever of a path enables the next one, and its last the door; gates are unknown.
         """
         room = self._rooms[subject]
-        if room is None or not room.structured:
+        if room is None or not len(room.possible.share):
             return None
         atomic = self._atomic[subject]
         edges = room.edges(self._abstract(room, atomic / atomic.sum()))

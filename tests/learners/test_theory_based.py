@@ -12,7 +12,7 @@ from causal_openlock.experiment.declare import PAPER_CONDITIONS
 from causal_openlock.experiment.session import Session
 from causal_openlock.paper.likeness import distance, points_of
 from causal_openlock.paper.published import model
-from openlock_learners.theory.chains import chains_of, edit_distances, schemas_of
+from openlock_learners.chains import chains_of, edit_distances, schemas_of
 from openlock_learners.theory_based import TheoryBased
 from support.session_play import HUMAN, named, one_room, play
 

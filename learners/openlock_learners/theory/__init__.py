@@ -1,1 +1,0 @@
-"""The spaces that the theory-based model reasons over: chains and schemas."""
