@@ -71,11 +71,6 @@ class Belief:
         return f"Belief({len(self.which):,} hypotheses, {self.entropy:.2f} bits)"
 
     @property
-    def whole(self) -> bool:
-        """Whether all hypotheses are listed, and none is ruled out."""
-        return not self.drawn and len(self.which) == len(self.space)
-
-    @property
     def entropy(self) -> float:
         """Shannon entropy of the posterior, in bits."""
         weight = self.weight[self.weight > 0]
@@ -123,12 +118,7 @@ class Belief:
 
 
 class Beliefs:
-    """The beliefs of B subjects.
-
-    Args:
-        brief: Sizes of the rooms.
-        settings: What they believe before they see a room, and what they forget.
-        generators: One for each subject, for hypotheses that are sampled.
+    """The beliefs of B subjects, each with a generator for hypotheses that are sampled.
 
     Attributes:
         of: The posterior of each subject; None while it is in no room.

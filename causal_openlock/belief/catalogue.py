@@ -18,7 +18,6 @@ from causal_openlock.belief.grammar import assigned, outlines, schema_classes
 from causal_openlock.belief.structures import (
     Hypotheses,
     Structures,
-    behaviour_bytes,
     gate_dags,
     linear_extensions,
     merge,
@@ -138,7 +137,9 @@ def catalogue(
     if levers > FREE_FORM_LEVERS:  # classes come in the order of their length
         orders = math.factorial(levers)
         ways = [orders // math.prod(map(math.factorial, outlined[at].sizes)) for at in fitting]
-        most = min(HYPOTHESES, TABLE_BYTES // behaviour_bytes(levers, action_limit))
+        sets = sum(math.comb(levers, pushed) for pushed in range(min(levers, action_limit) + 1))
+        bytes_of_each = sets * (levers + 3)
+        most = min(HYPOTHESES, TABLE_BYTES // bytes_of_each)
         fitting = fitting[np.cumsum(ways) <= most]
     structures, kind, chance = assigned(structures[fitting], [outlined[at] for at in fitting])
     if levers <= FREE_FORM_LEVERS:

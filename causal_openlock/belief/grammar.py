@@ -15,7 +15,7 @@ On n levers, a class *generates* structures: first how many levers play each rol
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import combinations, pairwise, permutations
@@ -230,20 +230,19 @@ def assigned(
     return Structures.joined(placed), np.concatenate(kinds), np.concatenate(chances)
 
 
-def assignments(sizes: Sequence[int]) -> Iterator[tuple[int, ...]]:
-    """Every assignment of levers to roles of these sizes, role after role.
+def assignments(
+    sizes: Sequence[int], levers: Collection[int] | None = None
+) -> Iterator[tuple[int, ...]]:
+    """Every assignment of levers, by default as many as needed, to roles of these sizes.
 
     >>> list(assignments([1, 2]))
     [(0, 1, 2), (1, 0, 2), (2, 0, 1)]
     """
-    levers = frozenset(range(sum(sizes)))
-
-    def deal(left: frozenset[int], sizes: Sequence[int]) -> Iterator[tuple[int, ...]]:
-        if not sizes:
-            yield ()
-            return
-        for hand in combinations(sorted(left), sizes[0]):
-            for rest in deal(left - set(hand), sizes[1:]):
-                yield (*hand, *rest)
-
-    return deal(levers, sizes)
+    levers = range(sum(sizes)) if levers is None else levers
+    if not sizes:
+        yield ()
+        return
+    for first in combinations(levers, sizes[0]):
+        left = [lever for lever in levers if lever not in first]
+        for others in assignments(sizes[1:], left):
+            yield (*first, *others)

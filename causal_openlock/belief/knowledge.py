@@ -67,13 +67,7 @@ class BeliefParameters:
 
 
 class Knowledge:
-    """Knowledge of B subjects about schemas before they enter a room.
-
-    Args:
-        subjects: B.
-        positions: Levers of the room, P.
-        settings: What they believe before the first room.
-        strengths: The possible strengths.
+    """Knowledge of B subjects about schemas before they enter a room with levers at P positions.
 
     Attributes:
         rooms: ``[B, C + 1]`` expected number of rooms of each class.

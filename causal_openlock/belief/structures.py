@@ -14,7 +14,6 @@ classes that generate them; :class:`Hypotheses`, behaviours in the *slots* of a 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -132,11 +131,8 @@ class Structures(Rows):
 
         Two structures behave alike if in every state that an attempt can reach they agree on which
         levers move, on whether the door is unlocked, and on which solution opening it completes.
-
-        Args:
-            action_limit: Actions in an attempt.
-            uncertain: Whether enabled levers move only with some probability, which depends on
-                the number of pushed causes, so that this number also matters.
+        If ``uncertain``, enabled levers move only with some probability, which depends on the
+        number of pushed causes, so that this number also matters.
         """
         n = self.levers
         # No more levers can be pushed than there were actions.
@@ -164,12 +160,6 @@ class Structures(Rows):
             credited = solutions[np.arange(len(self)), relevant] & holds[:, n] & acting[pushed]
             parts += [moves, np.where(credited, relevant, 0).astype(np.uint16)[:, None]]
         return np.concatenate([part.view(np.uint8) for part in parts], axis=1)
-
-
-def behaviour_bytes(levers: int, action_limit: int) -> int:
-    """Bytes that describe a behaviour, for each node and each set that can be pushed."""
-    sets = sum(math.comb(levers, pushed) for pushed in range(min(levers, action_limit) + 1))
-    return sets * (levers + 3)
 
 
 @dataclass(frozen=True, eq=False)

@@ -111,7 +111,7 @@ class Bayes(BeliefLearner):
 
         def draw() -> list[tuple[float, Plan]]:
             possible = belief.space.hypotheses
-            if not belief.whole:
+            if len(belief.which) < len(possible):
                 possible = possible[belief.which]
             by_weight = self.parameters.policy == "thompson"
             return drawn_solutions(possible, belief.weight, situation, by_weight)
