@@ -58,9 +58,7 @@ class Intention(NamedTuple):
 class Intentions:
     """The probabilities of a subject's possible intentions.
 
-    Args:
-        lapse: The share of its actions that are random and leave its intention as it is.
-        actions: How many actions there are.
+    A share ``lapse`` of what it does is random, any of the ``actions``, and leaves its intention.
     """
 
     def __init__(self, lapse: float, actions: int) -> None:
@@ -111,12 +109,8 @@ def drawn_solutions(
 ) -> list[tuple[float, Plan]]:
     """The plans that a subject may draw, with their probabilities.
 
-    Args:
-        hypotheses: ``[h]`` the possible hypotheses.
-        weight: ``[h]`` their probabilities.
-        situation: Where the attempt stands.
-        by_weight: Whether it draws a hypothesis by its probability and then a solution of it, or
-            any solution that some hypothesis allows.
+    With ``by_weight`` it draws one of the hypotheses by their ``weight``, ``[h]``, and then a
+    solution of it; otherwise any solution that some hypothesis allows.
     """
     possible, found = (weight > 0)[:, None], situation.found
     fitting = achievable(hypotheses, situation.pushed, situation.left, found) & possible

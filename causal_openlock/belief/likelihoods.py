@@ -40,13 +40,9 @@ class Event(NamedTuple):
 def observed(
     step: Step, subject: int, slots: IntArray, found: tuple[int, ...] = ()
 ) -> Event | None:
-    """The event that a subject observed; None if its action could not do anything.
+    """The event that a subject, who still plays, observed; None if its action could do nothing.
 
-    Args:
-        step: What the actions of all subjects led to.
-        subject: Number of the subject; it still plays.
-        slots: ``[P]`` the slot of each position in its room.
-        found: The solutions that it had found before.
+    ``slots``, ``[P]``, are those of the positions in its room, ``found`` what it had found before.
     """
     before, after = step.view.observation[subject], step.outcome[subject]
     verb, position = divmod(int(step.action[subject]), len(slots))
@@ -65,13 +61,7 @@ def observed(
 def likelihood(
     hypotheses: Hypotheses, which: IntArray, strengths: Strengths, event: Event
 ) -> FloatArray:
-    """``[E]`` likelihood of an event under each of some hypotheses.
-
-    Args:
-        hypotheses: H hypotheses.
-        which: ``[E]`` some of them.
-        strengths: What their strengths stand for.
-        event: What was observed.
+    """``[E]`` likelihood of an event under the hypotheses at ``which``, ``[E]``.
 
     Example:
         A lever that nothing enables can always be pushed; the door is unlocked by it alone.

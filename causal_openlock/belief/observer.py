@@ -42,11 +42,7 @@ class Worth(NamedTuple):
 
 
 class Observer:
-    """The ideal observer of rooms of one schema.
-
-    Args:
-        schema: The schema; its levers move surely.
-        action_limit: Actions in an attempt.
+    """The ideal observer of rooms of one schema, whose levers move surely.
 
     Raises:
         TooLargeError: If the exact answer would take too long, now or when it is asked.

@@ -68,9 +68,6 @@ class Optimum:
         node_limit: States to search before giving up; also an attribute that can be changed.
         pulls: Whether levers may be pulled back; by default if two actions can be spared.
 
-    Attributes:
-        nodes: States searched so far.
-
     Raises:
         TooLargeError: If there are too many hypotheses.
 
@@ -103,7 +100,7 @@ class Optimum:
         self._search, self._holds = cache(self._searched), cache(self._holding)
         self._finds, self._reach = cache(self._finding), cache(self._reaching)
         self._weight = cache(self._weighing)
-        self.nodes = 0
+        self.nodes = 0  #: states searched so far
 
     @property
     def start(self) -> Point:
@@ -163,10 +160,8 @@ class Optimum:
     def _followed(self, charge: Callable[[int, int], FloatArray], join: np.ufunc) -> FloatArray:
         """What the attempts are charged, under the optimal policy that is charged least.
 
-        Args:
-            charge: What an attempt is charged that begins with these possible hypotheses and this
-                number of solutions found. Of several numbers, earlier ones matter first.
-            join: Joins the charges after each outcome of an action.
+        An attempt is charged by the possible hypotheses and the number of solutions with which it
+        begins; of several numbers, earlier ones matter first. ``join`` combines those of outcomes.
         """
 
         def begin(possible: int, found: tuple[int, ...]) -> FloatArray:

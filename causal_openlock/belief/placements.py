@@ -63,18 +63,12 @@ def ways_to_place(schema: Schema) -> int:
 def mixture(
     schemas: Sequence[tuple[Schema, float]], action_limit: int, positions: int | None = None
 ) -> tuple[Hypotheses, FloatArray]:
-    """The hypotheses if one of several schemas governs the room, on any of its levers.
+    """H hypotheses and ``[H]`` their probabilities, if one of several schemas governs the room.
 
-    Args:
-        schemas: Each with its prior probability; all with equally many levers and solutions, as
-            grey levers and the console show these.
-        action_limit: Actions in an attempt.
-        positions: Levers of the room, if colour does not show which of them are active; by default
-            it does.
-
-    Returns:
-        H hypotheses and ``[H]`` their probabilities. Placements of a schema are equally probable;
-        behaviours that several schemas share are merged.
+    Each schema has its prior probability, and all have equally many levers and solutions, as grey
+    levers and the console show these. ``positions`` are the levers of the room if colour does not
+    show which are active. Placements of a schema are equally probable; behaviours that several
+    schemas share are merged.
 
     Raises:
         TooLargeError: If they are too many to list.

@@ -47,17 +47,10 @@ LOOKS = 8
 
 
 class Sampler:
-    """Draws structures of the free form from their posterior.
+    """Draws structures of the free form on n active levers from their posterior.
 
-    Args:
-        levers: Active levers, n.
-        simplicity: As for :func:`~causal_openlock.belief.catalogue.gate_weight`.
-        strength: Probability that a pushed cause transmits.
-        events: What was observed in the trial; only what concerns single gates counts here, which
-            leaves out solutions.
-
-    Attributes:
-        evidence: Marginal probability of the events in the free form.
+    ``strength`` is the probability that a pushed cause transmits. Of the ``events`` of the trial,
+    only what concerns single gates counts here, which leaves out solutions.
     """
 
     def __init__(
@@ -82,7 +75,7 @@ class Sampler:
         self._ladders = weights.reshape(levers + 1, -1).cumsum(axis=1)
         self._sums, self._ways = _orders(weights)
         self.evidence = float(self._ways[-1] * weights[levers, prior[levers] > 0].sum())
-        self.evidence /= prior_of_all
+        self.evidence /= prior_of_all  #: marginal probability of the events in the free form
 
     def draw(self, number: int, generator: np.random.Generator) -> tuple[Structures, IntArray]:
         """Independent structures, none if nothing is possible, and their orders ``[D, n]``."""

@@ -66,7 +66,7 @@ class Schemas:
 
 
 def edit_distances(paths: IntArray) -> FloatArray:
-    """``[3]`` graph edit distance of the structure of some solutions from each atomic schema.
+    """``[3]`` edit distance of the graph of some paths, ``[N, length]``, from each atomic schema.
 
     The door, which all schemas have, is left out. With N nodes and M edges in the atomic schema,
     and n and m in the structure, of which k edges can be laid upon each other, the distance is
@@ -74,9 +74,6 @@ def edit_distances(paths: IntArray) -> FloatArray:
 
     >>> edit_distances(np.array([[0, 1], [0, 2], [0, 3]]))  # three levers that one lever frees
     array([2., 4., 4.])
-
-    Args:
-        paths: ``[N, length]`` the levers of each solution.
     """
     edges = {edge for path in paths.tolist() for edge in pairwise(path)}
     nodes = set(np.unique(paths).tolist())

@@ -25,15 +25,11 @@ class ExplorationParameters:
 
 
 class Exploration:
-    """The shares of random actions of B subjects.
-
-    Attributes:
-        epsilon: ``[B]`` these shares.
-    """
+    """The shares of random actions of B subjects."""
 
     def __init__(self, settings: ExplorationParameters, subjects: int) -> None:
         self.settings = settings
-        self.epsilon: FloatArray = np.full(subjects, settings.epsilon_start)
+        self.epsilon: FloatArray = np.full(subjects, settings.epsilon_start)  #: ``[B]`` the shares
 
     def mixed(self, greedy: FloatArray, random: FloatArray | float) -> FloatArray:
         """``[B, A]`` probabilities of actions, from those of greedy and of random ones."""

@@ -55,11 +55,8 @@ def read_answer(reply: Message, finish: str | None, words: Wording, tools: bool 
 
     Of several calls the first counts: the others were chosen without knowing what it would do.
 
-    Args:
-        reply: The message as the server gave it.
-        finish: Why it ended, as the server gave it.
-        words: What actions are called.
-        tools: Whether the tool was offered; otherwise text alone counts.
+    ``reply`` is the message and ``finish`` why it ended, as the server gave them. Where no tool was
+    offered, text alone counts.
 
     Example:
         >>> words = Wording("levers", ("oak", "elm", "fir"), (0, 1, 2))

@@ -29,14 +29,7 @@ POSITIONS = len(PAPER_POSITIONS)
 
 
 class MetaRooms:
-    """B endless sequences of rooms of these schemas, by weight, drawn by a generator.
-
-    Attributes:
-        brief: What a learner knows before it starts.
-        view: What is perceived now.
-        life_over: ``[B]`` whether the memory's life ended with the last step.
-        last_solved: ``[B]`` whether everything was found in that room.
-    """
+    """B endless sequences of rooms of these schemas, by weight, drawn by a generator."""
 
     def __init__(
         self,
@@ -72,10 +65,10 @@ class MetaRooms:
         self._trial = np.ones(rooms, dtype=np.int64)
         self._trials = np.ones(rooms, dtype=np.int64)
         self._playing = np.ones(rooms, dtype=bool)
-        self.life_over = np.zeros(rooms, dtype=bool)
-        self.last_solved = np.zeros(rooms, dtype=bool)
+        self.life_over = np.zeros(rooms, dtype=bool)  #: whether a life ended with the last step
+        self.last_solved = np.zeros(rooms, dtype=bool)  #: whether all was found in that room
         self._new_trials(np.arange(rooms), self._playing)
-        self.view = self._perceive()
+        self.view = self._perceive()  #: what is perceived now
 
     def _new_trials(self, who: IntArray, lives: BoolArray) -> None:
         """Begin a trial in the rooms ``who``, and in those of ``lives`` also a new life."""

@@ -40,11 +40,6 @@ class DoubleQ:
         double: Whether the network itself chooses the next action that the target network
             evaluates, as in DDQN; otherwise the target network does both, as in DQN.
         precision: Of all numbers.
-
-    Attributes:
-        online: ``[N, P]`` parameters: of each agent weights and biases, layer by layer.
-        target: Those of the target network.
-        updates: Gradient steps so far.
     """
 
     def __init__(
@@ -66,10 +61,11 @@ class DoubleQ:
                 np.array([rng.uniform(-bound, bound, rows * width_out) for rng in generators])
                 for rows in (width_in, 1)
             ]
+        # [N, P] parameters: of each agent weights and biases, layer by layer.
         self.online: Floats = np.concatenate(drawn, axis=1).astype(precision)
         self.target = self.online.copy()
         self.learning_rate, self.gamma, self.double = learning_rate, gamma, double
-        self.target_period, self.updates = target_period, 0
+        self.target_period, self.updates = target_period, 0  # gradient steps so far
         self._means, self._squares = np.zeros((2, *self.online.shape), precision)
         self.observe(np.zeros((0, sizes[0])))
 

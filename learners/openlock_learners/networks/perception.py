@@ -20,12 +20,10 @@ SOLUTIONS = 3
 
 
 class Perception:
-    """The inputs of B subjects, and what they last did.
+    """The inputs of B subjects, ``size`` numbers each, and what they last did.
 
-    Attributes:
-        size: Numbers that a subject perceives at a time: the bits of the room, its last action
-            (one-hot; none at first), the reward of that action, whether it changed anything, and
-            solutions found, solutions left, attempts left and actions left.
+    These are the bits of the room, the last action (one-hot; none at first), its reward, whether it
+    changed anything, and solutions found, solutions left, attempts left and actions left.
     """
 
     def __init__(self, brief: Brief) -> None:

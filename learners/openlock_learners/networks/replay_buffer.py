@@ -46,20 +46,15 @@ class Batch(NamedTuple):
 
 
 class ReplayBuffer:
-    """B rings of transitions, one for each subject; a full one overwrites its oldest.
-
-    Attributes:
-        length: ``[B]`` transitions that each ring holds now.
-        rings: ``[5, B, capacity]`` number of the observation before, action, number of the
-            observation after, reward, and ``not_done``. One array takes one call to write or to
-            read; double precision holds all integers here.
-    """
+    """B rings of transitions, one for each subject; a full one overwrites its oldest."""
 
     def __init__(self, subjects: int, capacity: int) -> None:
         self.capacity = capacity
-        self.length: IntArray = np.zeros(subjects, dtype=np.int64)
+        self.length: IntArray = np.zeros(subjects, dtype=np.int64)  #: ``[B]`` transitions held
         self._next: IntArray = np.zeros(subjects, dtype=np.int64)
         self._begins: IntArray = np.arange(subjects)[:, None] * capacity
+        # Numbers of the observation before, action, observation after, reward, and ``not_done``.
+        # One array takes one call to write or to read; double precision holds all integers here.
         self.rings: FloatArray = np.zeros((5, subjects, capacity))
 
     def add(

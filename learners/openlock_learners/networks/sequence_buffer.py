@@ -39,16 +39,13 @@ class SequenceBuffer:
     A ring holds ``capacity`` steps; a new one then overwrites the oldest. Sequences have K steps of
     ``burn_in`` and U, ``unroll``, to learn from. ``inputs`` and ``state`` are how many numbers are
     perceived at a time, and in a hidden state.
-
-    Attributes:
-        count: ``[B]`` steps of each subject so far, those overwritten included.
     """
 
     def __init__(
         self, subjects: int, capacity: int, burn_in: int, unroll: int, inputs: int, state: int
     ) -> None:
         self.capacity, self.burn_in, self.unroll = capacity, burn_in, unroll
-        self.count: IntArray = np.zeros(subjects, dtype=np.int64)
+        self.count: IntArray = np.zeros(subjects, dtype=np.int64)  #: ``[B]`` steps ever added
         self._segment: IntArray = np.zeros(subjects, dtype=np.int64)
         self._begins = np.zeros((subjects, capacity), dtype=np.int64)
         self._inputs = np.zeros((subjects, capacity, inputs), dtype=np.float32)
