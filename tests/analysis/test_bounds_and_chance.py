@@ -48,9 +48,6 @@ def played(conditions=ALL):
 @pytest.mark.parametrize(
     ("schema", "actions", "attempts"),
     [
-        ("CC3", 3, 8 / 3),
-        ("CE3", 3, 8 / 3),
-        ("CC4", 3, 3.75),
         ("CE4", 3, 3.75),
         ("CC4", 5, 3.25),
         ("two_of_four", 3, 6),  # all placements alike: one attempt for each solution

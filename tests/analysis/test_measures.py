@@ -3,6 +3,7 @@
 import itertools
 import math
 from collections import Counter, defaultdict
+from cProfile import Profile
 
 import numpy as np
 import pandas as pd
@@ -18,7 +19,6 @@ from causal_openlock.analysis.measures import (
     ordered,
 )
 from causal_openlock.errors import StoreError
-from support.counted_work import calls
 from support.fabricated_courses import course
 from support.fabricated_records import random_cells, table, trial_rows
 from support.made_up_experiments import headline_table, summary_table
@@ -143,7 +143,7 @@ def test_pieces_that_cut_trials_or_subjects_apart_come_to_the_same():
 
 def test_many_times_as_many_attempts_are_as_many_calls():
     """What depends on the number of attempts is done in arrays, so that millions take seconds."""
-    work = {}
+    calls = {}
     for subjects in (2, 40):
         cells = [course(np.zeros((subjects, 10)), attempts=300, learner=name) for name in "abcd"]
         record = pa.concat_tables(cells)
@@ -154,5 +154,7 @@ def test_many_times_as_many_attempts_are_as_many_calls():
             assert trials["last_attempt"].sum() == record.num_rows
 
         measured()  # what is imported on the way is no work
-        work[subjects] = calls(measured)
-    assert work[40] < 1.2 * work[2]
+        profile = Profile()
+        profile.runcall(measured)
+        calls[subjects] = sum(entry.callcount for entry in profile.getstats())
+    assert calls[40] < 1.2 * calls[2]

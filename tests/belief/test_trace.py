@@ -142,11 +142,6 @@ def test_beliefs_follow_from_what_was_done_alone(name):
     pd.testing.assert_frame_equal(seen.table(), played.table(), check_exact=True)
 
 
-def test_information_adds_up_over_a_trial(cc4):
-    gains = cc4.table()["gain_obtained"]
-    assert gains.sum() == pytest.approx(cc4.entropies[0] - cc4.entropies[-1])
-
-
 @settings(max_examples=40, deadline=None)
 @given(schemas(max_levers=4), schemas(max_levers=4))
 def test_structures_are_alike_exactly_if_no_attempt_tells_them_apart(first, second):

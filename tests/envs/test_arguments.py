@@ -17,8 +17,7 @@ from causal_openlock.schemas.graphs import write_schema
 from causal_openlock.schemas.schema import Gate, Schema
 from causal_openlock.world.rewards import PRESETS
 from causal_openlock.world.room import Layout
-from support.cc4_in_trial7 import L0, L1, SOLUTIONS, WHITE
-from support.env_play import CONSOLE, EPISODES, act, trial7
+from support.env_play import CONSOLE, EPISODES, L0, L1, SOLUTIONS, WHITE, act, trial7
 
 ROOM = "causal_openlock/OpenLock-v0"
 each_episode = pytest.mark.parametrize("episode", EPISODES)

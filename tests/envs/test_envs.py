@@ -11,8 +11,7 @@ from causal_openlock.envs import OpenLockEnv, OpenLockVectorEnv
 from causal_openlock.errors import OpenLockError
 from causal_openlock.schemas.finding import bundled_schemas
 from causal_openlock.world.room import position_names
-from support.cc4_in_trial7 import L0, L1, NOTHING, SOLUTIONS, WHITE
-from support.env_play import CONSOLE, EPISODES, trial7
+from support.env_play import CONSOLE, EPISODES, L0, L1, NOTHING, SOLUTIONS, WHITE, trial7
 
 SCHEMAS = bundled_schemas()
 PAPER = ("basic", "negative_immovable", "partial_sequence", "solution_multiplier")

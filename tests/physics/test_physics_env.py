@@ -9,8 +9,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 
 from causal_openlock.envs import OpenLockEnv
-from support.cc4_in_trial7 import DOOR, L0, L1, SOLUTIONS, WHITE
-from support.env_play import EPISODES, act, trial7
+from support.env_play import DOOR, EPISODES, L0, L1, SOLUTIONS, WHITE, act, trial7
 
 each_episode = pytest.mark.parametrize("episode", EPISODES)
 

@@ -16,7 +16,7 @@ from causal_openlock.render.paint import Panel, ShownAction, draw, room_svg, roo
 from causal_openlock.render.scene import Look, frame, look_after
 from causal_openlock.world.facts import room_facts
 from causal_openlock.world.room import position_names
-from support.cc4_in_trial7 import DOOR, L0, L1
+from support.env_play import DOOR, L0, L1
 from support.physical_play import room_of
 
 RGB = room_facts()["rgb"]

@@ -2,6 +2,10 @@
 
 from causal_openlock.envs import OpenLockEnv
 
+# The room CC4 in trial7: the actions that push its levers, by role, and its solutions.
+L0, L1, L2, L3, WHITE, DOOR = 4, 0, 6, 2, 1, 14
+SOLUTIONS = [(L0, L1, DOOR), (L0, L2, DOOR), (L0, L3, DOOR)]
+NOTHING = (WHITE, WHITE, WHITE)
 EPISODES = ("attempt", "trial")
 # What the console of an environment shows.
 CONSOLE = ("solutions_left", "solutions_found", "attempts_left", "actions_left")
