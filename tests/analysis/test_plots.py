@@ -40,7 +40,7 @@ pytestmark = pytest.mark.slow
 PLOTS = {
     **dict.fromkeys(("attempts", "transfer", "course", "survival", "cost"), "results"),
     **dict.fromkeys(("likeness", "pairs", "savings", "subjects"), "results"),
-    **{"categories": "trained", "beliefs": "believed", "structure_recovery": "asked"},
+    **{"categories": "trained", "beliefs": "believed", "structure_recovery": "believed"},
     "sweep": "swept",
 }
 """By plot, the results of `support.played_results` that it is drawn of here."""

@@ -58,31 +58,11 @@ def test_attempts_and_actions_are_those_of_the_record(folder, results):
     assert [names[index] for index in actions["action_index"]] == [*actions["name"]]
 
 
-def test_trials_count_attempts_until_all_solutions_are_found(results):
-    trials, attempts = results.trials, results.attempts
-    assert [*trials["learner"].cat.categories] == ["random", "oracle"]  # as declared
-    last = attempts.groupby(TRIAL, observed=True)[
-        ["attempt", "solutions_found", "solutions"]
-    ].last()
-    last = last.reindex(trials.set_index(TRIAL).index)
-    assert trials["attempts"].tolist() == last["attempt"].tolist()
-    assert trials["solved"].tolist() == (last["solutions_found"] == last["solutions"]).tolist()
-
-
 def test_training_comes_before_the_test(tmp_path):
     results = played(tmp_path / "r", ["CC3-CC4"], ["oracle"])
     for table in (results.trials, results.attempts, results.actions):
         phases = table.query("subject == 0")["phase"]
         assert list(dict.fromkeys(phases)) == ["train", "test"]
-
-
-def test_tables_by_condition_have_people_where_they_played_the_same(results):
-    (table,) = results.by_condition
-    assert [*table.frame] == ["Learner", "CE4\ntrial 5", "CC4\ntrial 5", "pair\ntrial 5"]
-    rows = {name.partition("\n")[0]: row for name, *row in table.frame.values.tolist()}
-    assert [*rows] == ["People", "Published model", "Ideal observer", "random", "oracle"]
-    assert [text.partition("\n")[0] for text in rows["People"]] == ["≥ 9.43", "≥ 6.45", "–"]
-    assert rows["Ideal observer"][2] == "1.00"
 
 
 TABLES = ["trials", "attempts", "actions", "summary", "headline", "leaderboard", "pairs", "regret"]

@@ -89,7 +89,7 @@ def syncs(experiment, folder, end=0, **options):
     return taken[0], said
 
 
-@pytest.mark.parametrize("learner", [*LEARNERS])
+@pytest.mark.parametrize("learner", ["random", "global"])
 def test_a_killed_cell_continues_at_its_last_checkpoint(learner, tmp_path):
     experiment = declared(learner)
     whole, _ = syncs(experiment, tmp_path / "whole")

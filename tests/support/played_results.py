@@ -64,12 +64,6 @@ def swept():
 
 
 @cache
-def asked():
-    """One learner that says what it takes the structure to be, and one that does not."""
-    return played(["bayes", "random"], ["CC3"], 2)
-
-
-@cache
 def empty():
     """Nobody played."""
     return Material.of(table([]), NOBODY)
