@@ -15,7 +15,7 @@ from evidence.measured import Evidence
 from evidence.pages import check
 from evidence.run import read_units, run_study
 from evidence.study import read_studies
-from evidence.units import selected, with_differences
+from evidence.units import selected
 from support.places import ROOT
 
 pytestmark = pytest.mark.slow
@@ -161,20 +161,6 @@ def test_units_are_subjects_and_count_the_trials_behind_their_means(ran):
     assert set(judged.loc[judged["condition"] == "CC3", "trial"]) == {5}
     assert set(judged.loc[judged["condition"] == "CC3-CC4", "phase"]) == {"test"}
     assert len(selected(units, "random CC3 train", "solved")) == 6
-
-
-def test_attempts_are_counted_up_to_the_first_solution_and_from_there():
-    """Of a trial without a solution there is none to count from, and a unit is left out."""
-    rows = {"unit": [0, 1, 2], "attempts": [9.0, 30.0, 30.0], "first_solution": [2.0, 5.0, 30.0]}
-    same = {"learner": "x", "condition": "CC3", "protocol": "human", "judged": True, "trials": 1}
-    units = with_differences(
-        pd.DataFrame(rows).assign(found=[1.0, 0.5, 0.0], phase="train", **same)
-    )
-    after, saved = (selected(units, "x CC3", f"{one}after_first") for one in ("", "saved_"))
-    assert after.to_dict() == {0: 7.0, 1: 25.0}
-    assert saved.values.tolist() == [-5.0, -20.0]
-    with pytest.raises(EvidenceError, match="after_first"):
-        selected(units.assign(after_first=float("nan")), "x CC3", "after_first")
 
 
 # -- what no longer fits --------------------------------------------------------------------------
@@ -433,11 +419,3 @@ def test_a_curve_has_means_of_fifty_trials_and_the_published_curve_in_its_panel(
     baseline, transfer = (line for line in axes.lines if line.get_linestyle() == "--")
     assert (baseline.get_xdata().tolist(), baseline.get_ydata().tolist()) == ([25, 125], [632, 307])
     assert transfer.get_ydata().tolist() == [120, 61]
-
-
-def test_a_table_has_the_attempts_of_training_before():
-    (study,) = read_studies(ROOT / "evidence", ["default"])
-    head, _, *rows = Evidence(study).block("in_short").splitlines()
-    last = {row.split("|")[1].strip(): row.split("|")[-2].strip() for row in rows if "|" in row}
-    assert "training before" in head.split("|")[-2]
-    assert (last["`rl2`"], last["`bayes`"], last["*people*"]) == ("1,674,240", "none", "–")

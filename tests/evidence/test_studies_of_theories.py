@@ -44,33 +44,13 @@ claims:
       forgetting: {measure: r, of: thompson parameter forgetting, minus: 0.7, expected: more}
 figures: [derived]
 """
-UNKNOWN = """
-title: Whether two learners are told apart
-experiment: experiment.yaml
-measured: theories
-theories: {outside: [thompson], draws: 1}
-derived: confusion
-hours: 0.01
-claims:
-  told_apart:
-    text: Subjects are told apart
-    contrasts:
-      single: {measure: single, of: everyone, minus: 0.5, expected: more}
-  by_the_minute:
-    text: Visits tell as much a minute, whoever makes them
-    contrasts:
-      rooms:
-        {measure: per_minute, of: random, minus: win_stay, expected: same, smallest: 9}
-tables:
-  certain: {measure: certain, columns: [CC3], rows: {thompson: Thompson}}
-"""
 
 
-def ran(tmp_path, text):
+def ran(tmp_path):
     """The evidence of a study that was run."""
     folder = tmp_path / "evidence" / "small"
     folder.mkdir(parents=True)
-    (folder / "study.yaml").write_text(text)
+    (folder / "study.yaml").write_text(KNOWN)
     (folder / "experiment.yaml").write_text(EXPERIMENT)
     (study,) = read_studies(tmp_path / "evidence")
     assert not study.faults()
@@ -79,7 +59,7 @@ def ran(tmp_path, text):
 
 
 def test_a_study_of_known_parameters_from_the_run_to_its_page(tmp_path):
-    found = ran(tmp_path, KNOWN)
+    found = ran(tmp_path)
     units = read_units(found.study)
     assert len(units) == 3 * (5 + 1 + 2) + 5 * 4  # subjects, groups, halves; parameters of sets
     assert found.text("claim told_apart single verdict") == "holds"
@@ -93,20 +73,6 @@ def test_a_study_of_known_parameters_from_the_run_to_its_page(tmp_path):
     assert found.derived.loc["random", "bits"] == pytest.approx(np.log2(15))
     (fault,) = check(tmp_path / "evidence", write=True)
     assert "derived.png is missing" in fault
-
-
-def test_a_study_of_unknown_parameters_from_the_run_to_its_page(tmp_path):
-    found = ran(tmp_path, UNKNOWN)
-    units = read_units(found.study)
-    assert len(units) == 3 * 5 + 2 * (1 + 2)  # subjects; groups and halves of the two theories
-    own = units.dropna(subset="information")
-    assert set(own["learner"]) == {"random", "win_stay"}
-    information = float(found.text("information everyone"))
-    assert information == pytest.approx(own["information"].mean(), abs=0.006)
-    assert found.decided["by_the_minute"]["rooms"].found.units == (5,)  # same rooms, so in pairs
-    assert found.text("claim told_apart verdict") == "holds"
-    assert "| Thompson |" in found.block("certain")
-    assert check(tmp_path / "evidence", write=True) == []
 
 
 def test_subjects_and_groups_are_attributed_to_the_likeliest_theory():

@@ -9,9 +9,7 @@ import pytest
 from scipy import stats
 from statsmodels.stats.weightstats import ttost_ind, ttost_paired
 
-from causal_openlock.analysis.effects import Group, weighted_difference
 from causal_openlock.errors import EvidenceError
-from evidence.published import published_units
 from evidence.study import Contrast, Networks
 from evidence.units import selected, with_differences
 from evidence.verdicts import (
@@ -119,30 +117,6 @@ HOLDS, PART, FAILS, OPEN = get_args(Verdict)
 )
 def test_any_contrast_that_does_not_hold_refutes_a_claim(contrasts, claim):
     assert all(together(order) == claim for order in permutations(contrasts))
-
-
-@pytest.mark.parametrize("expected", ["more", "same"])
-def test_a_contrast_at_its_margin_is_decided_by_chance_as_seldom_as_promised(expected):
-    rng = np.random.default_rng(3)
-    samples = rng.normal(1.0, 0.5, (4000, 10))  # exactly the smallest difference that matters
-    said = [verdict(mean_of(row), expected, 1.0) for row in samples]
-    chance = {"more": 0.025, "same": 0.05}[expected]
-    assert said.count("holds") / len(said) == pytest.approx(chance, abs=0.01)
-    assert said.count("does not hold") / len(said) <= chance + 0.01
-
-
-def test_people_count_with_their_standard_error():
-    table = pd.DataFrame({"learner": "a", "condition": "CC4", "unit": range(6), "phase": "train"})
-    table = table.assign(attempts=[3.0, 4, 5, 4, 3, 5], protocol="human", trial=1, judged=True)
-    people = "people CC4 trial 1"
-    asked = contrast("a CC4 trial 1", people, expected="less")
-    mean, bar, n = (float(selected(published_units(), people, name).iloc[0])
-                    for name in ("attempts", "se", "subjects"))  # fmt: skip
-    found = compared(table.assign(found=1.0, trials=1), asked, None)
-    theirs = Group(int(n), mean, n * bar**2 * n / (n - 1), -1.0)
-    own = Group.of(table["attempts"].to_numpy())
-    assert found.interval == pytest.approx(weighted_difference([own, theirs])[1:3])
-    assert found.value == pytest.approx(4 - mean)
 
 
 def contrast(of, minus, expected="more"):
