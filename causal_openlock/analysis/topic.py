@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
+from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from causal_openlock.analysis.results.material import Material
@@ -119,8 +120,10 @@ class Topic(NamedTuple):
 
 def all_topics() -> list[Topic]:
     """Return the topics of the toolkit and those that packages register, in reading order."""
-    ours = import_module("causal_openlock.analysis.topics").MODULES
-    topics = [import_module(f"causal_openlock.analysis.topics.{name}").TOPIC for name in ours]
+    ours = "causal_openlock.analysis.topics"
+    found = iter_modules(import_module(ours).__path__)
+    modules = [import_module(f"{ours}.{module.name}") for module in found]
+    topics = [module.TOPIC for module in modules if hasattr(module, "TOPIC")]
     topics += [loaded(entry) for entry in registered(TOPICS).values()]
     return sorted(topics, key=lambda topic: topic.place)
 
