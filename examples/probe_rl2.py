@@ -22,7 +22,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 import causal_openlock as ol
-from causal_openlock.analysis.results.structure_errors import structure_distance
+from causal_openlock.analysis.topics.structure_recovery import structure_distance
 from causal_openlock.contract.learner import Structure
 from openlock_learners.networks.recurrent_policy import make_policy
 

@@ -10,11 +10,11 @@ from matplotlib.figure import Figure
 
 from causal_openlock import Layout, Session, find_schema
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.structure_errors import structure_distance
 from causal_openlock.analysis.topic import sections_of
 from causal_openlock.analysis.topics.regret import WORTH, regret, regret_by_condition
 from causal_openlock.analysis.topics.structure_recovery import (
     plot_structure_recovery,
+    structure_distance,
     structure_recovery,
 )
 from causal_openlock.belief.observer import Observer, observer_of

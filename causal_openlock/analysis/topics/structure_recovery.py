@@ -16,6 +16,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from typing import Any
 
+import networkx as nx
 import numpy as np
 import pandas as pd
 from matplotlib.lines import Line2D
@@ -25,7 +26,6 @@ from causal_openlock.analysis.measures import VISIT, ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import Names, in_rows, panels, rows_of
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.structure_errors import structure_distance
 from causal_openlock.analysis.results.traces import installed
 from causal_openlock.analysis.statistics import mean_intervals, sizes
 from causal_openlock.analysis.table import Table
@@ -39,6 +39,7 @@ from causal_openlock.experiment.declare import Condition, LearnerSpec
 from causal_openlock.experiment.plan import shown_trials
 from causal_openlock.experiment.record import PHASES
 from causal_openlock.experiment.session import AT_ONCE, Session
+from causal_openlock.schemas.schema import DOOR, Schema
 from causal_openlock.wording import joined
 from causal_openlock.world.rewards import PAPER_REWARD
 from causal_openlock.world.room import Layout, positions_for
@@ -47,8 +48,54 @@ COLUMNS = (
     *("learner", "condition", "protocol", "subject", "visit", "schema"),
     *("shd", "f1", "brier", "gate_brier"),
 )
+LIKELY = 0.5  #: an edge that is more probable is taken to be in the graph
 ASKED = 10  #: subjects of a learner in a condition that a report lets play again
 MOST = 100_000  #: records of more attempts than this are not played again
+
+
+def structure_distance(believed: Structure, schema: Schema, layout: Layout) -> dict[str, float]:
+    """Distance of a believed structure from the true one.
+
+    Edges count between the active levers, and from these to the door.
+
+    >>> from causal_openlock import find_schema
+    >>> edges = np.zeros((7, 8))
+    >>> edges[0, 1] = edges[0, 2] = edges[1, 7] = 1.0  # one edge to the door is missing
+    >>> believed = Structure(edges, np.full(8, np.nan))
+    >>> found = structure_distance(believed, find_schema("CC3"), Layout((0, 1, 2)))
+    >>> {name: round(value, 2) for name, value in found.items()}
+    {'shd': 1, 'f1': 0.86, 'brier': 0.11, 'gate_brier': nan}
+
+    Returns:
+        Numbers by name:
+
+        - ``shd``: structural Hamming distance, the fewest edges to be added, taken away or turned
+          round, where edges more probable than :data:`LIKELY` count as believed.
+        - ``f1``: harmonic mean of the shares of believed edges that are true and of true ones that
+          are believed; 0 if none is both.
+        - ``brier``: mean squared difference of probability and truth over all edges there could be;
+          of people, who tick or do not, the share of wrong edges.
+        - ``gate_brier``: the same of gates: whether all causes are needed, where the schema has
+          several; NaN where it has not, or nothing is believed about them.
+    """
+    nodes, places = [*schema.levers, DOOR], [*layout.places, layout.positions]
+    true = nx.to_numpy_array(schema.graph, nodes, dtype=bool, weight=None)[:-1]
+    probability = believed.edges[np.ix_(places[:-1], places)]
+    possible = ~np.eye(len(true), len(nodes), dtype=bool)
+    said = (probability > LIKELY) & possible
+    extra, missing = said & ~true, true & ~said
+    turned = extra[:, :-1] & missing[:, :-1].T  # the other way round: one fault and not two
+    gates = []
+    for node, chance in zip(nodes, believed.gates[places], strict=True):
+        causes = len(schema.causes(node))
+        if causes > 1 and np.isfinite(chance):
+            gates.append((chance - (schema.threshold(node) == causes)) ** 2)
+    return {
+        "shd": int(extra.sum() + missing.sum() - turned.sum()),
+        "f1": 2 * int((said & true).sum()) / max(int(said.sum() + true.sum()), 1),
+        "brier": float(((probability - true)[possible] ** 2).mean()),
+        "gate_brier": float(np.mean(gates)) if gates else float("nan"),
+    }
 
 
 def structure_recovery(results: Material, subjects: int | None = None) -> pd.DataFrame:
@@ -69,8 +116,8 @@ def structure_recovery(results: Material, subjects: int | None = None) -> pd.Dat
     Returns:
         A row for each trial of each subject: ``learner``, ``condition``, ``protocol``, ``subject``,
         ``visit`` (number of the trial in the whole condition, from 1), ``schema``, and what
-        :func:`~.structure_errors.structure_distance` gives. A solved room of the paper leaves these
-        learners next to nothing to doubt.
+        :func:`structure_distance` gives. A solved room of the paper leaves these learners next to
+        nothing to doubt.
 
     Raises:
         StoreError: If a file of answers is damaged.
