@@ -8,7 +8,7 @@ values (phase, loop, trial, attempt), so the order in which cells are read makes
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -77,26 +77,18 @@ def attempts_to_solve(record: pa.Table) -> pd.DataFrame:
     return _trials(_attempts(_named(played(record))))[0]
 
 
-class Counts(NamedTuple):
-    """Counts of a record.
-
-    Attributes:
-        trials: From :func:`attempts_to_solve`.
-        blocks: Outcomes of attempts over the course of a phase (the paper's Figures 6 and 7). Every
-            subject's attempts in a phase are cut, in the order of time, into :data:`BLOCKS` equal
-            shares (equal up to one attempt). A row for each ``learner``, ``condition``,
-            ``protocol``, ``phase``, ``block`` (from 1) and ``category``: their ``count`` over all
-            ``subjects``, and ``until``, a subject's mean attempts up to the block's last.
-    """
-
-    trials: pd.DataFrame
-    blocks: pd.DataFrame
-
-
-def count(record: pa.Table, at_once: int = AT_ONCE) -> Counts:
+def count(record: pa.Table, at_once: int = AT_ONCE) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Count the trials of a record and the categories of its attempts, in little memory.
 
     Some subjects are counted at a time, which have roughly ``at_once`` attempts.
+
+    Returns:
+        Trials as :func:`attempts_to_solve` has them, and outcomes of attempts over the course of a
+        phase (the paper's Figures 6 and 7). Every subject's attempts in a phase are cut, in the
+        order of time, into :data:`BLOCKS` equal shares (equal up to one attempt). A row for each
+        ``learner``, ``condition``, ``protocol``, ``phase``, ``block`` (from 1) and ``category``:
+        their ``count`` over all ``subjects``, and ``until``, a subject's mean attempts up to the
+        block's last.
 
     Raises:
         StoreError: If a trial has attempts missing or twice.
@@ -104,10 +96,10 @@ def count(record: pa.Table, at_once: int = AT_ONCE) -> Counts:
     record = _named(played(record))
     piece = record["subject"].to_numpy() % max(-(-record.num_rows // at_once), 1)
     counts = [_count(record.filter(piece == one)) for one in np.unique(piece).tolist() or [0]]
-    trials = pd.concat([one.trials for one in counts], ignore_index=True)
+    trials = pd.concat([one for one, _ in counts], ignore_index=True)
     trials = trials.sort_values([*CELL, *SUBJECT, *VISIT], kind="stable", ignore_index=True)
     by = [*CELL, "phase"]
-    blocks = pd.concat([one.blocks for one in counts]).groupby(by, observed=True).sum()
+    blocks = pd.concat([one for _, one in counts]).groupby(by, observed=True).sum()
     every = pd.MultiIndex.from_product(
         [range(1, BLOCKS + 1), pd.CategoricalIndex(CATEGORIES, CATEGORIES)],
         names=["block", "category"],
@@ -117,16 +109,13 @@ def count(record: pa.Table, at_once: int = AT_ONCE) -> Counts:
     lengths = trials.groupby(PHASE, observed=True)["last_attempt"].sum().groupby(by, observed=True)
     about = lengths.agg(subjects="size", until="mean").reset_index()
     table = table.merge(about, on=by)
-    return Counts(trials, table.assign(until=table["until"] * table["block"] / BLOCKS))
+    return trials, table.assign(until=table["until"] * table["block"] / BLOCKS)
 
 
 def _named(record: pa.Table) -> pa.Table:
-    """What is counted of a record; its columns of text are codes, the same in every chunk."""
-    record = record.select([*TRIAL, "attempt", "category", "solutions_found", "solutions"])
-    for name in NAMES:
-        place = record.schema.get_field_index(name)
-        record = record.set_column(place, name, record[name].dictionary_encode())
-    return record.unify_dictionaries()
+    """What is counted of a record; the codes of its texts are the same in every chunk."""
+    columns = [*TRIAL, "attempt", "category", "solutions_found", "solutions"]
+    return record.select(columns).unify_dictionaries()
 
 
 def _attempts(record: pa.Table) -> pd.DataFrame:
@@ -189,7 +178,7 @@ def _check_complete(trials: pd.DataFrame) -> None:
         )
 
 
-def _count(record: pa.Table) -> Counts:
+def _count(record: pa.Table) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Trials, and ``[C, B]`` how many attempts of each category the blocks of a phase have."""
     frame = _attempts(record)
     trials, trial = _trials(frame)
@@ -200,7 +189,7 @@ def _count(record: pa.Table) -> Counts:
     block = (before + frame["attempt"].to_numpy() - 1) * BLOCKS // total + 1
     by = [*CELL, "phase", "block", "category"]
     outcomes = frame.assign(block=block).groupby(by, observed=True).size()
-    return Counts(trials, outcomes.unstack(["block", "category"]))
+    return trials, outcomes.unstack(["block", "category"])
 
 
 def by_subject(trials: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
@@ -272,14 +261,6 @@ def judged(trials: pd.DataFrame) -> pd.DataFrame:
     chosen = chosen[last | (chosen["phase"] == "test")]
     # People's test is one trial, number 1; a baseline is compared trial by trial.
     return chosen.assign(trial=np.where(chosen["phase"] == "test", 1, chosen["trial"]))
-
-
-def measured(table: pd.DataFrame) -> list[str]:
-    """Trials that a condition was judged by, in words: ``test``, or such as ``trial 5``."""
-    return [
-        "test" if phase == "test" else f"trial {trial}"
-        for phase, trial in zip(table["phase"], table["trial"], strict=True)
-    ]
 
 
 def ordered(names: Iterable[str], first: Sequence[str] = PAPER_CONDITIONS) -> tuple[str, ...]:

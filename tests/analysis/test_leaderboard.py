@@ -104,7 +104,7 @@ def test_a_score_leaves_out_conditions_whose_ideal_observer_is_not_known(played)
     (shown,) = leaderboard_tables(leaderboard(some)).values()
     assert "where both are known: not CC3-CE4, CC4, CE3-CE4 and CE4." in shown.caption
     (costs,) = topics_called("learning_cost")[0].section(some).tables
-    assert "subjects of all conditions but CC4, where" in costs.caption
+    assert "all conditions but CC3-CE4, CC4, CE3-CE4 and CE4, where" in costs.caption
 
 
 def told(title, results, alike=None, ranked=None):

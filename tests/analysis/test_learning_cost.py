@@ -5,7 +5,6 @@ import pytest
 from statsmodels.duration.survfunc import SurvfuncRight
 
 from causal_openlock.analysis.measures import attempts_to_solve
-from causal_openlock.analysis.results.bounds import Bound
 from causal_openlock.analysis.topics.learning_cost import costs_by_learner, shown, subject_costs
 from causal_openlock.analysis.topics.solution_costs import TOPIC as SOLUTION_COSTS
 from causal_openlock.analysis.topics.solution_costs import solution_costs
@@ -15,7 +14,7 @@ from support.fabricated_records import table, trial_rows
 from support.made_up_experiments import experiment_of, material_of, spec
 from support.topics import section_on
 
-BOUNDS = {("CC4", "human", "train"): Bound("CC4", 2.0)}
+BOUNDS = {("CC4", "human", "train"): 2.0}
 
 
 def solved_at(attempt, **values):

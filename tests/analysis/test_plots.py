@@ -18,7 +18,7 @@ from matplotlib.patches import Patch
 from matplotlib.text import Text
 
 import causal_openlock as ol
-from causal_openlock.analysis.measures import TRANSFERS, Counts, count
+from causal_openlock.analysis.measures import TRANSFERS
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.style import WIDTH, PlotStyle
 from causal_openlock.analysis.plots.sweep import plot_sweep, sweep_table
@@ -214,7 +214,7 @@ def test_figures_3_and_4_begin_with_people_and_the_published_model():
 
 def test_figures_6_and_7_are_logarithms_of_counts():
     results = played_results.fabricated()
-    counts = count(results.record).blocks
+    counts = results.blocks
     published = RESULTS["cogsci2018"]["ddqn"]
     panels = draw("categories", results)
     first = panels[0].patches
@@ -264,9 +264,7 @@ def test_tests_that_nobody_played_have_no_place_and_gaps_are_named():
     only = {"CC3-CC4": ORDER, "CE3-CC4": ["random"]}
     rows = whole.trials.to_dict("records")
     keep = [row["learner"] in only.get(row["condition"], ()) for row in rows]
-    panels = draw(
-        "transfer", replace(whole, counts=Counts(whole.trials[keep], whole.counts.blocks))
-    )
+    panels = draw("transfer", replace(whole, all_trials=whole.trials[keep]))
     assert [names_at(axes.xaxis) for axes in panels] == [["CC4"]] * 4
     assert [len(axes.patches) for axes in panels] == [2, 2, 2, 1]
     assert [texts(axes).count("not played") for axes in panels] == [0, 0, 0, 1]

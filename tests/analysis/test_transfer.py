@@ -1,5 +1,7 @@
 """What training saves, with the structure of the test and with any."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -7,7 +9,6 @@ from matplotlib.figure import Figure
 from scipy import stats
 
 from causal_openlock.analysis.measures import attempts_to_solve, judged
-from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.topics.transfer import OTHER, TOPIC, plot_savings, transfer
 from support.fabricated_records import table, trial_rows
 from support.paper_play import material, play, same, scattered
@@ -113,8 +114,7 @@ def test_other_learners_change_neither_the_estimate_nor_what_is_significant(play
 
 
 def test_the_section_shows_no_people_beside_those_who_did_something_else(played):
-    parts = played.record, played.experiment, played.counts, played.learners
-    section = section_on(TOPIC, Material(*parts, frozenset(), {}))
+    section = section_on(TOPIC, replace(played, references=()))
     assert section.tables[0].frame["learner"].unique().tolist() == ["good", "never", "always"]
     assert "people" not in section.answer
     assert "the other structure, significant for learners" in section.answer

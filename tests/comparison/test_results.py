@@ -81,7 +81,7 @@ def test_looking_at_a_table_changes_nothing(results, name):
 
 def test_looking_at_trials_and_bounds_leaves_every_other_number(results, folder):
     results.trials["attempts"] = 1
-    del results.counts.trials["solved"]
+    del results.all_trials["solved"]
     results.bounds.clear()
     board = ol.open_results(folder).leaderboard
     assert results.leaderboard.equals(board)

@@ -6,7 +6,6 @@ import pytest
 from matplotlib.figure import Figure
 from scipy import stats
 
-from causal_openlock.analysis.measures import Counts
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.references import POINT
 from causal_openlock.paper.likeness import (
@@ -40,7 +39,7 @@ def material(*trials, references=None):
     names = tuple(dict.fromkeys(whole["learner"]))
     if references is None:
         references = BESIDE_ALL
-    return Material(table([]), NOBODY, Counts(whole, pd.DataFrame()), names, references, {})
+    return Material(table([]), NOBODY, whole, pd.DataFrame(), names, references, {})
 
 
 def by_name(effects, name):

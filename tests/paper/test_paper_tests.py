@@ -9,7 +9,6 @@ import pytest
 from scipy import stats
 
 from causal_openlock.analysis.measures import attempts_to_solve
-from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.topic import sections_of
 from causal_openlock.paper.paper_tests import TESTS, paper_tests, printed_tests
 from causal_openlock.paper.references import people
@@ -168,9 +167,9 @@ def test_no_learner_is_judged_by_the_others():
 
 
 def test_learners_that_did_something_else_are_not_tested(played):
-    assert tables(Material(played.record, {}, played.counts, LEARNERS, (), {})) == {}
+    assert tables(replace(played, references=())) == {}
     cells = {("good", "CC4", "human"), ("good", "CE4", "human")}
     beside = (replace(people(), cells=cells),)
-    found = tables(Material(played.record, {}, played.counts, LEARNERS, beside, {}))
+    found = tables(replace(played, references=beside))
     assert found["all"]["learner"].tolist() == ["People", "good"] * 3
     assert set(found["all"]["family"]) == {"baseline"}

@@ -122,7 +122,7 @@ def _beside(record, experiment):
 def material_of(record, experiment, **values):
     """What sections are made of, without people or bounds to compare with."""
     given = {
-        "counts": count(record),
+        **dict(zip(("all_trials", "blocks"), count(record), strict=True)),
         "learners": tuple(one.name for one in experiment.learners),
         "references": NO_ONE_BESIDE,
         "bounds": {},

@@ -5,7 +5,6 @@ from collections.abc import Callable
 import numpy as np
 
 from causal_openlock.analysis.measures import count
-from causal_openlock.analysis.results.bounds import Bound
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.experiment.declare import PAPER_CONDITIONS
 from support.fabricated_records import table, trial_rows
@@ -59,17 +58,19 @@ def same(number):
 
 
 def material(rows, learners, **values):
-    """What sections are made of, with the ideal observer at 3 attempts everywhere."""
+    """What sections are made of, with the ideal observer at 3 attempts where CC4 is tested."""
     record = table(rows)
+    trials, blocks = count(record)
     bounds = {
-        (name, "human", phase): Bound("CC4", 3.0)
-        for name in PAPER_CONDITIONS
+        (name, "human", phase): 3.0
+        for name in ("CC4", "CC3-CC4", "CE3-CC4")
         for phase in ("train", "test")
     }
     return Material(
         record=record,
         experiment=values.get("experiment") or experiment_of(record),
-        counts=count(record),
+        all_trials=trials,
+        blocks=blocks,
         learners=learners,
         references=values.get("references", BESIDE_ALL),
         bounds=bounds,

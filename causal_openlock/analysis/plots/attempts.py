@@ -165,8 +165,7 @@ def _draw(
     ax: Any,
 ) -> Any:
     """Draw a panel for each reference, and one for each learner."""
-    known = bounds_of(results.bounds, means)
-    ideal = {condition: bound.attempts for (condition, _), bound in known.items()}
+    ideal = {name: attempts for (name, _), attempts in bounds_of(results.bounds, means).items()}
     phase = str(means["phase"].iloc[0])
     shown = []
     for one in results.references if published else ():

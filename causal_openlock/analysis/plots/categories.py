@@ -44,7 +44,7 @@ def counts_like_ddqn(
         raise OpenLockError(f"no categories of kind {kind}; {nearest(str(kind), KINDS)}")
     names, phase = KINDS[kind]
     alike = {one.name for one in results.experiment.conditions if one.is_of_paper} & {*names}
-    counts = rows_of(results, results.counts.blocks, learners, conditions)
+    counts = rows_of(results, results.blocks, learners, conditions)
     return counts[
         (counts["protocol"] != HUMAN_PROTOCOL)
         & counts["condition"].isin(alike)

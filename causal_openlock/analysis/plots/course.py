@@ -75,8 +75,7 @@ def plot_course(
     limit = float(unsolved.max()) if len(unsolved) else None
     ideal = bounds_of(results.bounds, trials)
     marked = int(means.groupby(["learner", "condition"], observed=True).size().max()) <= _MARKERS
-    highest = max((bound.attempts for bound in ideal.values()), default=0.0)
-    top = 1.06 * max(float((means["mean"] + means["se"]).max()), limit or 0.0, highest)
+    top = 1.06 * max(float((means["mean"] + means["se"]).max()), limit or 0.0, *ideal.values())
     names = ordered(means["learner"], results.learners)
     families = _families(ordered(means["condition"], results.conditions))
     looks = _looks(families)
@@ -102,7 +101,7 @@ def plot_course(
             _scale(axes, int(own["max"].max()), top, limit)
             _mark_test(axes, own.loc[own["phase"] == "test", "min"])
             levels = {
-                (ideal[row.condition, row.phase].attempts, row.min - 0.5, row.max + 0.5)
+                (ideal[row.condition, row.phase], row.min - 0.5, row.max + 0.5)
                 for row in own.itertuples()
                 if (row.condition, row.phase) in ideal
             }

@@ -11,7 +11,6 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from causal_openlock.analysis.measures import CELL, SUBJECT
 from causal_openlock.analysis.results.material import Material
@@ -25,7 +24,7 @@ IN_WORDS = {"baseline": "a baseline", "transfer": "transfer"}  #: kinds of condi
 
 def warnings_of(results: Material) -> Iterator[str]:
     """Warnings to read before believing the numbers, a sentence each."""
-    summary, trials = results.summary, results.counts.trials
+    summary, trials = results.summary, results.all_trials
     yield from results.experiment.warned
     yield from exclusions(results)
     if others := _called_alike(results):
@@ -46,8 +45,8 @@ def warnings_of(results: Material) -> Iterator[str]:
             f"different subjects ({some(uneven)})."
         )
     solved = trials.groupby(["learner", "protocol"], observed=True)["solved"].mean()
-    if unsolved := _by_label(solved[solved < 1]):
-        shares = {name: share(1 - solved) for name, solved in unsolved.items()}
+    lowest = solved[solved < 1].sort_values(kind="stable")
+    if shares := {_label(key): share(1 - part) for key, part in lowest.items()}:
         yield (
             "Some trials were not solved, so means there are lower than what solving them would "
             "have taken (share of all trials that were not solved, training included: "
@@ -75,11 +74,6 @@ def _called_alike(results: Material) -> list[str]:
     named = summary[summary["condition"].isin(published) & (summary["protocol"] == HUMAN_PROTOCOL)]
     others = named.drop(results.compared(named).index)[CELL].drop_duplicates()
     return [_label(key) for key in others.itertuples(index=False)]
-
-
-def _by_label(values: pd.Series) -> dict[str, Any]:
-    """Values by group, the lowest first."""
-    return {_label(key): value for key, value in values.sort_values(kind="stable").items()}
 
 
 def _label(key: Any) -> str:

@@ -214,7 +214,7 @@ def _trials(rows: pd.DataFrame, name: str, title: str) -> Table:
 
 def _what_was_run(material: Material) -> Section:
     """The experiment, and how to run it again."""
-    experiment, trials = material.experiment, material.counts.trials
+    experiment, trials = material.experiment, material.all_trials
     versions = [f"{name} {in_words(one)}" for name, one in experiment.versions.items()]
     command = experiment.command or "causal-openlock compare EXPERIMENT.yaml --out DIR"
     text = (

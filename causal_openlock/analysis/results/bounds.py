@@ -12,22 +12,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import NamedTuple
 
 import pandas as pd
 
 from causal_openlock.experiment.declare import Experiment, default_action_limit
 from causal_openlock.schemas.schema import Schema
 
-
-class Bound(NamedTuple):
-    """The ideal observer's mean attempts in rooms that are governed by a schema."""
-
-    schema: str
-    attempts: float
-
-
-Bounds = Mapping[tuple[str, str, str], Bound]  #: bounds by condition, protocol and phase
+Bounds = Mapping[tuple[str, str, str], float]  #: attempts by condition, protocol and phase
 
 
 def ideal_bounds(experiment: Experiment) -> Bounds:
@@ -39,7 +30,7 @@ def ideal_bounds(experiment: Experiment) -> Bounds:
         protocols have its name.
     """
     names = Counter(protocol.name for protocol in experiment.protocols)
-    found: dict[tuple[str, str, str], Bound] = {}
+    found: dict[tuple[str, str, str], float] = {}
     for condition in experiment.conditions:
         for phase, trials in (("train", condition.train), ("test", condition.test)):
             schemas = {one.schema for one in trials}
@@ -48,33 +39,27 @@ def ideal_bounds(experiment: Experiment) -> Bounds:
                     continue
                 for schema in schemas:
                     limit = protocol.action_limit or default_action_limit(schema)
-                    attempts, most = _solved(schema, limit)
+                    attempts, most = ideal_attempts(schema, limit)
                     if attempts is not None and most <= protocol.attempt_limit:
-                        key = (condition.name, protocol.name, phase)
-                        found[key] = Bound(schema.name, attempts)
+                        found[condition.name, protocol.name, phase] = attempts
     return found
 
 
-def bounds_of(bounds: Bounds, table: pd.DataFrame) -> dict[tuple[str, str], Bound]:
+def bounds_of(bounds: Bounds, table: pd.DataFrame) -> dict[tuple[str, str], float]:
     """The bounds that are known of what is in a table, of one protocol, by condition and phase."""
     keys = table[["condition", "protocol", "phase"]].drop_duplicates().astype(str)
     played = keys.itertuples(index=False, name=None)
     return {(key[0], key[2]): bounds[key] for key in played if key in bounds}
 
 
-def ideal_attempts(schema: Schema, action_limit: int) -> float | None:
-    """Mean attempts that the ideal observer needs, or None if the exact number is not computed.
+@lru_cache(maxsize=256)
+def ideal_attempts(schema: Schema, action_limit: int) -> tuple[float | None, int]:
+    """Mean attempts of the ideal observer, None where it is not computed, and the most it needs.
 
     >>> from causal_openlock import find_schema
-    >>> round(ideal_attempts(find_schema("CC3"), 3), 2)
-    2.67
+    >>> ideal_attempts(find_schema("CC4"), 3)
+    (3.75, 4)
     """
-    return _solved(schema, action_limit)[0]
-
-
-@lru_cache(maxsize=256)
-def _solved(schema: Schema, action_limit: int) -> tuple[float | None, int]:
-    """The mean attempts, and the most that there can be."""
     from causal_openlock.belief.optimal import Optimum
     from causal_openlock.belief.placements import TooLargeError, mixture
 

@@ -18,12 +18,10 @@ import pandas as pd
 
 from causal_openlock.analysis.measures import (
     CELL,
-    Counts,
     by_subject,
     count,
     judged,
     mean_by_trial,
-    measured,
     ordered,
 )
 from causal_openlock.analysis.results.bounds import Bounds, ideal_bounds
@@ -48,7 +46,8 @@ class Material:
 
     record: pa.Table  #: columns as in :func:`causal_openlock.experiment.record.record_schema`
     experiment: StoredExperiment  #: what was run
-    counts: Counts  #: trials, and attempts of each category by blocks of training
+    all_trials: pd.DataFrame  #: its trials, learners in the order of the alphabet
+    blocks: pd.DataFrame  #: its attempts of each category by blocks of training
     learners: tuple[str, ...]  #: labels in the order in which they are shown
     references: tuple[Reference, ...]  #: what learners are compared with, and which of them
     bounds: Bounds  #: what the ideal observer needs
@@ -61,8 +60,6 @@ class Material:
             return found
         if isinstance(found, pd.DataFrame):
             return found.copy(deep=False)  # its values are copied where they are changed
-        if isinstance(found, Counts):
-            return Counts(*(table.copy(deep=False) for table in found))
         return dict(found) if isinstance(found, dict) else found
 
     @classmethod
@@ -74,11 +71,11 @@ class Material:
         Raises:
             StoreError: If the record has attempts missing or twice.
         """
-        counts = count(record)
+        trials, blocks = count(record)
         specs = sorted(experiment.learners, key=lambda spec: spec.learner != PERSON)
-        learners = ordered(counts.trials["learner"], [spec.name for spec in specs])
+        learners = ordered(trials["learner"], [spec.name for spec in specs])
         references, bounds = references_of(experiment), ideal_bounds(experiment)
-        return cls(record, experiment, counts, learners, references, bounds, folders)
+        return cls(record, experiment, trials, blocks, learners, references, bounds, folders)
 
     @cached_property
     def trials(self) -> pd.DataFrame:
@@ -86,7 +83,7 @@ class Material:
 
         Learners are categories in the order of ``learners``.
         """
-        trials = self.counts.trials
+        trials = self.all_trials
         names = ordered(trials["learner"].unique(), self.learners)
         return trials.assign(learner=pd.Categorical(trials["learner"], list(names)))
 
@@ -165,7 +162,7 @@ class Material:
         - ``ideal_attempts``: what the ideal observer needs, which knows the schema; NaN if that is
           not known.
         """
-        table, added = self._means(self.counts.trials)
+        table, added = self._means(self.all_trials)
         return table.rename(columns={"visits": "loops"})[[*SUMMARY_COLUMNS, *added]]
 
     @cached_property
@@ -177,9 +174,10 @@ class Material:
         ``at_mode``, ``share_solved``, the columns of references and ``ideal_attempts`` as in
         :attr:`summary`.
         """
-        table, added = self._means(judged(self.counts.trials))
+        table, added = self._means(judged(self.all_trials))
         first = ["learner", "protocol", "condition"]
-        table = table.assign(measured=measured(table))
+        trial = "trial " + table["trial"].astype(str)
+        table = table.assign(measured=trial.where(table["phase"] != "test", "test"))
         table = table.sort_values(first, kind="stable", ignore_index=True)
         first += ["measured", "subjects", "attempts"]
         return table[[*first, "ci_low", "ci_high", "mode", "at_mode", "share_solved", *added]]
@@ -198,7 +196,5 @@ class Material:
                 name = "difference" if one is self.leading[0] else f"{one.prefix}_difference"
                 added[name] = table["attempts"] - added[f"{one.prefix}_attempts"]
         keys = table[["condition", "protocol", "phase"]].astype(str).itertuples(index=False)
-        known = [self.bounds.get(tuple(key)) for key in keys]
-        ideal = [np.nan if one is None else one.attempts for one in known]
-        added["ideal_attempts"] = np.array(ideal, float)
+        added["ideal_attempts"] = np.array([self.bounds.get(tuple(key), np.nan) for key in keys])
         return table.assign(**added), list(added)

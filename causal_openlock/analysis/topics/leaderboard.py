@@ -162,15 +162,13 @@ def _ends(results: Material, protocol: str, limit: int) -> dict[str, tuple[float
     ends = {}
     for condition in results.experiment.conditions if limit <= MOST_ATTEMPTS else ():
         phase = "test" if condition.test else "train"
-        bound = results.bounds.get((condition.name, protocol, phase))
-        schemas = {one.name: one for one in condition.schemas}
-        if bound is None or bound.schema not in schemas:
-            continue
-        actions = protocols[protocol].actions_for(schemas[bound.schema])
-        positions = max(map(positions_for, condition.schemas))
-        random = attempts_at_random(schemas[bound.schema], actions, positions, limit)
-        if random > bound.attempts:
-            ends[condition.name] = (random, bound.attempts)
+        if ideal := results.bounds.get((condition.name, protocol, phase)):
+            schema = (condition.test or condition.train)[0].schema
+            actions = protocols[protocol].actions_for(schema)
+            positions = max(map(positions_for, condition.schemas))
+            random = attempts_at_random(schema, actions, positions, limit)
+            if random > ideal:
+                ends[condition.name] = (random, ideal)
     return ends
 
 

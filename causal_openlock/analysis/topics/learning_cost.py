@@ -71,7 +71,7 @@ def subject_costs(results: Material, trials: pd.DataFrame, within: float = WITHI
         last room that could have been.
     """
     rooms = trials[["condition", "protocol", "phase"]]
-    bound = pd.Series({key: one.attempts for key, one in results.bounds.items()}, dtype=float)
+    bound = pd.Series(dict(results.bounds), dtype=float)
     rows = trials.assign(bound=bound.reindex(pd.MultiIndex.from_frame(rooms.astype(str))).array)
     rows = rows.sort_values([*CELL, *SUBJECT, *VISIT], kind="stable")
     made = rows.groupby([*CELL, *SUBJECT], observed=True, sort=False)["last_attempt"].cumsum()
@@ -208,14 +208,12 @@ def shown(table: pd.DataFrame) -> pd.DataFrame:
         ]
         interval.append(" to ".join(ends) if known and not np.isnan(row.ci_low) else "")
     frame = table[["learner", "protocol", "subjects", "reached"]].rename(columns={"subjects": "n"})
-    frame["before the experiment"] = table["before"].map(_trained)
+    frame["before the experiment"] = [
+        "unknown" if np.isnan(before) else _printed(before) if before else "none"
+        for before in table["before"]
+    ]
     frame = frame.assign(**{"attempts, median": median, "95% interval": interval})
     return frame.drop(columns="protocol") if frame["protocol"].nunique() == 1 else frame
-
-
-def _trained(attempts: float) -> str:
-    """Attempts of training before the experiment; NaN where nobody knows."""
-    return "unknown" if np.isnan(attempts) else _printed(attempts) if attempts else "none"
 
 
 def _printed(attempts: float) -> str:

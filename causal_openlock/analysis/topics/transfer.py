@@ -191,7 +191,7 @@ def plot_savings(
     """
     protocol, trials = trials_under(results, protocol, learners)
     if learners is not None:
-        results = replace(results, counts=results.counts._replace(trials=trials))
+        results = replace(results, all_trials=trials)
     table = results.once(transfer)
     table = table[table["protocol"] == protocol]
     if table["reference"].all():

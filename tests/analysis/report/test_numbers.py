@@ -144,7 +144,7 @@ def test_pages_of_learners_have_the_headline_and_what_is_published(folder, page,
 
 def test_counts_of_figure_6_add_up_to_the_attempts(folder, attempts):
     record, _ = read_results(Store(folder))
-    blocks = count(record).blocks
+    _, blocks = count(record)
     mine = blocks[(blocks["learner"] == "chance") & (blocks["condition"] == "CE4")]
     own = attempts[(attempts["learner"] == "chance") & (attempts["condition"] == "CE4")]
     assert mine.groupby("category", observed=True)["count"].sum().to_dict() == {

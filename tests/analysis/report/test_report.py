@@ -14,7 +14,6 @@ import pytest
 from matplotlib.figure import Figure
 
 import causal_openlock as ol
-from causal_openlock.analysis.measures import Counts
 from causal_openlock.analysis.report.writing import make_report
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.table import Table, printed
@@ -270,10 +269,7 @@ def test_beliefs_are_shown_only_of_the_same_rooms_and_the_same_version(whole, mo
     assert shown.frame["actions"].tolist() == [len(one) for one in first["actions"]]
     # The room has a structure of log2(n) bits; in the end nearly all are obtained.
     assert (shown.frame["obtained"] * shown.frame["actions"]).sum() > 1
-    assert (
-        names(replace(whole, counts=Counts(whole.trials.assign(seed=8), whole.counts.blocks)))
-        is None
-    )  # another room
+    assert names(replace(whole, all_trials=whole.trials.assign(seed=8))) is None  # another room
     assert names(changed(versions={"causal-openlock": "1"})) is None
     # Somebody else's package may change its learner, though the version of results stays.
     monkeypatch.setattr("causal_openlock.contract.registry.is_ours", lambda _: False)
