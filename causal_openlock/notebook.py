@@ -211,7 +211,7 @@ def _table(frame: pd.DataFrame) -> str:
 
 def _left(table: str) -> str:
     """A table without the page's style: texts stand on the left, small type below."""
-    left = re.sub(r' class="(?:name|text long)"', ' style="text-align:left"', table)
+    left = re.sub(r' class="(?:name|text)"', ' style="text-align:left"', table)
     return left.replace("<small>", "<br><small>")
 
 

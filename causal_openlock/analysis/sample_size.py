@@ -72,6 +72,7 @@ def sample_size(
         OpenLockError: If numbers are missing or not possible, or more than a million are needed.
     """
     from scipy.optimize import brentq
+    from scipy.special import nctdtr, stdtrit
 
     spread = _spread(sd)
     if difference is None and subjects is None:
@@ -94,7 +95,12 @@ def sample_size(
     wanted = POWER if power is None else power
 
     def power_at(distance: float, many: int) -> float:
-        return power_of_t(distance / spread, many, alpha, paired)
+        df = many - 1 if paired else 2 * many - 2
+        away = abs(distance) / spread * np.sqrt(many if paired else many / 2)
+        critical = stdtrit(df, 1 - alpha / 2)
+        # SciPy has NaN for probabilities below 1e-15.
+        below, above = np.nan_to_num(nctdtr(df, away, [critical, -critical]))
+        return float(1 - below + above)
 
     if difference is None:
         assert subjects is not None
@@ -113,27 +119,6 @@ def sample_size(
             )
         subjects = sizes[place]
     return SampleSize(subjects, difference, power_at(difference, subjects))
-
-
-def power_of_t(d: float, subjects: int, alpha: float = ALPHA, paired: bool = False) -> float:
-    """Probability that a two-sided t test of two groups, at least 2 subjects each, finds Cohen's d.
-
-    >>> round(power_of_t(0.5, 64), 2)
-    0.8
-
-    If it is ``paired``, d is that of the differences in as many pairs.
-    """
-    from scipy.special import nctdtr, stdtrit
-
-    df, away = 2 * subjects - 2, abs(d) * np.sqrt(subjects / 2)
-    if paired:
-        df, away = subjects - 1, abs(d) * np.sqrt(subjects)
-    critical = stdtrit(df, 1 - alpha / 2)
-    if not np.isfinite(away):
-        return float("nan")
-    # SciPy has NaN for probabilities below 1e-15.
-    below, above = np.nan_to_num(nctdtr(df, away, [critical, -critical]))
-    return float(1 - below + above)
 
 
 def _spread(sd: float | Sequence[float]) -> float:

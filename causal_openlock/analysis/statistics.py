@@ -158,12 +158,3 @@ def median_interval(values: FloatArray) -> tuple[float, float]:
         return np.nan, np.nan
     ordered = np.sort(values)
     return float(ordered[outside - 1]), float(ordered[size - outside])
-
-
-def error_of_bar(bar: pd.Series[float], subjects: pd.Series[int]) -> pd.Series[float]:
-    """Standard errors with n − 1 in the denominator, ``[N]``, from error bars, which have n.
-
-    >>> error_of_bar(pd.Series([1.2]), pd.Series([10])).round(3).tolist()
-    [1.265]
-    """
-    return bar * np.sqrt(subjects / (subjects - 1).clip(lower=1))

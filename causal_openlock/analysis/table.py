@@ -142,11 +142,9 @@ def write_table(table: pd.DataFrame, path: Path | str) -> None:
     """
 
     def stored(value: Any) -> Any:
-        if isinstance(value, float):
-            return "" if np.isnan(value) else f"{value + 0.0:.6g}"  # + 0.0: no minus zero
-        return value
+        return f"{value + 0.0:.6g}" if isinstance(value, float) else value  # + 0.0: no minus zero
 
-    write_text(path, csv_of(table.map(stored)))
+    write_text(path, csv_of(table.map(stored, na_action="ignore")))
 
 
 def printed(value: Any, form: str | None) -> str:

@@ -121,14 +121,11 @@ def main() -> None:
         with stopped_by(signal.SIGINT):  # so that no learner can be taken for Ctrl-C
             app()
     except OpenLockError as error:
-        _fail(str(error), error.status)
+        complain(str(error))
+        sys.exit(error.status)
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
-        _fail(f"{where}{error.strerror or error}; check the path, its permissions and the disk", 2)
+        complain(f"{where}{error.strerror or error}; check the path, its permissions and the disk")
+        sys.exit(2)
     finally:
         gc.freeze()  # the process ends: looking for cycles in what it holds takes up to a second
-
-
-def _fail(message: str, status: int) -> None:
-    complain(message)
-    sys.exit(status)

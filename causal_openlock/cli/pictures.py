@@ -3,28 +3,41 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from causal_openlock.cli.options import (
     ConditionName,
-    ExperimentName,
-    LearnerName,
     Output,
-    PictureSize,
     ProtocolName,
     SchemaName,
     Seed,
     SubjectNumber,
-    TrialNumber,
-    one_trial,
 )
 from causal_openlock.cli.terminal import say
 from causal_openlock.errors import OpenLockError
 from causal_openlock.files.atomic import write_text
 from causal_openlock.files.escaping import csv_of
 from causal_openlock.wording import counted
+
+if TYPE_CHECKING:
+    from causal_openlock.contract.learner import Learner
+    from causal_openlock.experiment.declare import Condition, Protocol
+
+LearnerName = Annotated[str, typer.Option("--learner", "-l", help="The learner that plays.")]
+TrialNumber = Annotated[
+    int, typer.Option("--trial", min=1, help="The trial, counted over the whole condition.")
+]
+ExperimentName = Annotated[
+    str,
+    typer.Option(
+        "--experiment",
+        "-e",
+        help="An experiment to take part in: its seed, its protocols, its learners by name.",
+    ),
+]
+PictureSize = Annotated[int, typer.Option(min=120, max=2160, help="Height in pixels.")]
 
 
 def room(
@@ -60,6 +73,36 @@ def room(
     say(f"{path} written")
 
 
+def _one_trial(
+    condition: str,
+    learner: str,
+    trial: int,
+    subject: int,
+    seed: int | None,
+    protocol: str | None,
+    experiment: str,
+) -> tuple[tuple[Learner, Condition, Protocol], dict[str, Any]]:
+    """The arguments of ``play_trial`` and ``trace_trial``: positional ones, and named ones."""
+    from causal_openlock.contract.checks import failures_of
+    from causal_openlock.contract.registry import create
+    from causal_openlock.experiment.making import Changes, find_experiment, read_experiment
+
+    changes = Changes([condition], [learner], protocol, None, seed)
+    chosen = read_experiment(
+        find_experiment(experiment), changes, lambda line: say(line, error=True)
+    )
+    (entry,), (played,) = chosen.learners, chosen.conditions
+    with failures_of(entry.name):
+        player = create(entry.learner, entry.parameters)
+    return (player, played, entry.protocol), {
+        "trial": trial,
+        "subject": subject,
+        "seed": chosen.seed,
+        "reward": entry.reward,
+        "label": entry.name,
+    }
+
+
 def film(
     condition: ConditionName,
     learner: LearnerName = "bayes",
@@ -93,7 +136,7 @@ def film(
 
     path = check_suffix(out or Path(f"film_{Path(condition).stem}_{learner.split(':')[-1]}.gif"))
     if recorded is None:
-        who, how = one_trial(condition, learner, trial, subject, seed, protocol, experiment)
+        who, how = _one_trial(condition, learner, trial, subject, seed, protocol, experiment)
         with failures_of(how["label"]):
             played = play_trial(*who, **how)
     elif seed is not None or protocol is not None or experiment != "default":
@@ -150,7 +193,7 @@ def trace(
     from causal_openlock.contract.checks import failures_of
     from causal_openlock.render import path_of_picture
 
-    who, how = one_trial(condition, learner, trial, subject, seed, protocol, experiment)
+    who, how = _one_trial(condition, learner, trial, subject, seed, protocol, experiment)
     path = path_of_picture(out or Path(f"trace_{who[1].name}.svg"))
     with failures_of(how["label"]):
         traced = trace_trial(*who, **how)

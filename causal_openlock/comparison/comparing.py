@@ -12,13 +12,13 @@ import sys
 import tempfile
 import warnings
 from collections.abc import Callable, Sequence
-from contextlib import closing
+from contextlib import closing, nullcontext, suppress
 from dataclasses import fields, replace
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from causal_openlock.comparison.progress_bar import Show, shown_here
+from causal_openlock.comparison.progress_bar import Show, shown
 from causal_openlock.errors import CellsFailed, ExperimentError, Interrupted, OpenLockError
 from causal_openlock.experiment.declare import Condition, Experiment, find_condition
 from causal_openlock.experiment.making import (
@@ -33,7 +33,7 @@ from causal_openlock.experiment.making import (
 )
 from causal_openlock.experiment.plan import forewarnings
 from causal_openlock.files.atomic import folder_at
-from causal_openlock.files.validation import known_arguments
+from causal_openlock.files.validation import known_arguments, present
 from causal_openlock.running.runner import run
 from causal_openlock.running.worker import Watching
 from causal_openlock.storage.store import Store, StoredExperiment
@@ -111,16 +111,18 @@ def compare(
         [['oracle', 'CC3-CC4', 3.0]]
     """
     # Results load pandas, half a second, which declaring an experiment does not need.
+    from causal_openlock.comparison.console import Terminal
     from causal_openlock.comparison.results import open_results
 
-    changes = {"subjects": subjects, "protocol": protocol, "seed": seed}
-    declared = {"reward": reward, "name": name, "title": title, "cell_size": cell_size}
-    declared["attempt_limit"] = attempt_limit
-    given = {key: one for key, one in {**changes, **declared}.items() if one is not None}
+    changes = {"subjects": subjects, "protocol": protocol, "seed": seed, "reward": reward}
+    declared = {"attempt_limit": attempt_limit, "name": name, "title": title}
+    given = present({**changes, **declared, "cell_size": cell_size})
     experiment = _experiment(what, learners, given, out)
     folder = _temporary_folder(experiment) if out is None else folder_at(out)
+    console = Terminal(stderr=True)
+    is_seen = console.is_jupyter or console.is_terminal  # by whoever runs Python, and not in a file
     try:
-        with shown_here(experiment.name) as show:
+        with shown(experiment.name, console) if is_seen else nullcontext() as show:
             failed = play(
                 experiment,
                 folder,
@@ -220,11 +222,10 @@ def _experiment(
 
 def _is_found(find: Callable[[Any], Path | Condition], name: str | Path) -> bool:
     """Whether there is a condition, or an experiment file, of this name."""
-    try:
+    with suppress(OpenLockError):
         found = find(name)
-    except OpenLockError:
-        return False
-    return not isinstance(found, Path) or found.exists()
+        return not isinstance(found, Path) or found.exists()
+    return False
 
 
 @cache

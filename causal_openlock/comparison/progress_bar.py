@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager
 from html import escape
 from threading import Event, Thread
 from typing import TYPE_CHECKING
@@ -35,15 +35,6 @@ def shown(name: str, console: Terminal) -> Iterator[Show]:
             yield naming_still_cells(show, console.print_line)
     else:
         yield naming_still_cells(lines(name, console.print_line), console.print_line)
-
-
-def shown_here(name: str) -> AbstractContextManager[Show | None]:
-    """Show progress where Python runs: in a notebook, on a terminal, or not at all in a file."""
-    from causal_openlock.comparison.console import Terminal
-
-    console = Terminal(stderr=True)
-    is_seen = console.is_jupyter or console.is_terminal
-    return shown(name, console) if is_seen else nullcontext()
 
 
 @contextmanager

@@ -28,7 +28,7 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.measures import at_places, by_subject
-from causal_openlock.analysis.statistics import LEVEL, SEED, error_of_bar
+from causal_openlock.analysis.statistics import LEVEL, SEED
 from causal_openlock.paper.likeness import (
     TRAINING_MODEL,
     Likeness,
@@ -126,8 +126,9 @@ _TAILS = [(1 - LEVEL) / 2, (1 + LEVEL) / 2]
 
 
 def _error(points: pd.DataFrame, whose: str = "") -> FloatArray:
-    """``[N]`` standard errors; those of a curve are 0."""
-    errors = error_of_bar(points[f"{whose}se"].fillna(0.0), points[f"{whose}subjects"])
+    """``[N]`` standard errors, by n − 1 where error bars have n; those of a curve are 0."""
+    size = points[f"{whose}subjects"]
+    errors = points[f"{whose}se"].fillna(0.0) * np.sqrt(size / (size - 1).clip(lower=1))
     return errors.to_numpy(float)
 
 

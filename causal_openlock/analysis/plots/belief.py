@@ -91,9 +91,11 @@ def plot_trace(trace: Trace, *, actions: int = MOST_ACTIONS, ax: Any = None) -> 
     heights = [0.42, 1.15, 0.85, max(0.135 * len(shown.arrows), 0.5)]
     around = 1.4 + 0.16 * len(heading) + 0.061 * max(map(len, names))
     height = sum(heights) + around + _GRAPHS
+    # Wider than a page only where labels would overlap.
+    width = max(style.WIDTH, _BESIDE + _NARROWEST * (len(names) + 1))
 
     def lay_out(figure: Figure) -> list[Axes]:
-        figure.set_size_inches(shown.width, height)
+        figure.set_size_inches(width, height)
         engine: Any = figure.get_layout_engine()
         engine.set(rect=(0, _GRAPHS / height, 1, 1 - _GRAPHS / height), h_pad=0.07)
         boxes = [(left, 0.01, 0.47, _GRAPHS / height - 0.04) for left in (0.015, 0.515)]
@@ -188,11 +190,6 @@ class Part:
         shown = arrows[:MOST_ARROWS]
         left_out = len(arrows) - len(shown)
         return cls(trace, list(trace.actions[:number]), shown, len(true), left_out)
-
-    @property
-    def width(self) -> float:
-        """Width of the figure in inches; wider than a page only where labels would overlap."""
-        return max(style.WIDTH, _BESIDE + _NARROWEST * (len(self.actions) + 1))
 
     @property
     def cut(self) -> str:

@@ -149,7 +149,12 @@ def write_difference(
     path = Path(path)
     label = re.sub(r"\W+", "_", path.stem, flags=re.ASCII)
     changed, table = changes(first.experiment, second.experiment), differences(first, second)
-    sentences = sentence_on_changes(changed), sentence_on_differences(table)
+    things = counted(len(changed), "thing differs", "things differ")
+    told = f"{things} in what was run: {some(changed['what'])}."
+    sentences = (
+        told if len(changed) else "Nothing differs in what was run.",
+        sentence_on_differences(table),
+    )
     text, opening, both = [sentences[1]], [], (first, second)
     for place, name, results, other in zip(
         ("First", "Second"), names, both, both[::-1], strict=True
@@ -192,18 +197,6 @@ def write_difference(
     opened = [replace(section, is_open=True) for section in sections]
     write_page(path, "page.html.j2", opened, figures, title=title, opening=opening)
     return sentences
-
-
-def sentence_on_changes(changed: pd.DataFrame) -> str:
-    """Sentence on the differences between two experiments (:func:`changes`).
-
-    >>> sentence_on_changes(pd.DataFrame({"what": ["seed"]}))
-    '1 thing differs in what was run: seed.'
-    """
-    if changed.empty:
-        return "Nothing differs in what was run."
-    things = counted(len(changed), "thing differs", "things differ")
-    return f"{things} in what was run: {some(changed['what'])}."
 
 
 def sentence_on_differences(table: pd.DataFrame) -> str:

@@ -18,11 +18,9 @@ from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.rooms import RoomTables
 
 
-@lru_cache(maxsize=256)
 def chance_of_opening(schema: Schema, action_limit: int, positions: int) -> float:
     """Probability that an attempt of random actions opens the door, in a room of some size."""
-    opened, _ = _outcomes(schema, action_limit, positions)
-    return opened
+    return _outcomes(schema, action_limit, positions)[0]
 
 
 def chance_of_finding_all(

@@ -52,18 +52,16 @@ def without_excluded(
     Raises:
         StoreError: If nobody is left.
     """
-    import pandas as pd
-
     people = [spec.name for spec in experiment.learners if spec.learner == PERSON]
-    columns = {name: record[name].to_pandas() for name in (*CELL, *SUBJECT)}
-    complete = record["solutions_found"].to_pandas() == record["solutions"].to_pandas()
-    columns["solved"] = complete & (record["phase"].to_pandas() != SHOWN)
-    attempts = pd.DataFrame(columns)
-    by = attempts.groupby([*CELL, *SUBJECT], observed=True)["solved"]
-    out = attempts["learner"].isin(people) & ~by.transform("any")
+    subject = [*CELL, *SUBJECT]
+    columns = [*subject, "phase", "solutions_found", "solutions"]
+    attempts = record.select(columns).to_pandas()
+    solved = (attempts["solutions_found"] == attempts["solutions"]) & (attempts["phase"] != SHOWN)
+    some = solved.groupby([attempts[name] for name in subject], observed=True).transform("any")
+    out = attempts["learner"].isin(people) & ~some
     if out.all():
         raise StoreError("everybody completed no trial, so that nobody is left to report")
-    gone = attempts[out].drop_duplicates([*CELL, *SUBJECT])["learner"].astype(str)
+    gone = attempts[out].drop_duplicates(subject)["learner"].astype(str)
     excluded = {str(name): int(number) for name, number in gone.value_counts().items()}
     return record.filter(~out.to_numpy()), replace(experiment, excluded=excluded)
 

@@ -13,7 +13,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -103,13 +102,8 @@ class Reference:
 
 def references_of(experiment: Experiment) -> tuple[Reference, ...]:
     """Return the registered references, with the learners of an experiment that each suits."""
-    known = _registered(tuple(registered(REFERENCES).values()))
+    known = [loaded(entry)() for entry in registered(REFERENCES).values()]
     return tuple(one.within(experiment) for one in known)
-
-
-@lru_cache(maxsize=4)
-def _registered(entries: tuple[Any, ...]) -> tuple[Reference, ...]:
-    return tuple(loaded(entry)() for entry in entries)
 
 
 def gap_column(name: str) -> str:
