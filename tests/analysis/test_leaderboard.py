@@ -27,6 +27,11 @@ LEARNERS = ("able", "half", "never", "told")
 TOLD = spec("told", recorded=Origin("made_up:Told", "made-up 1.0", informed=True))
 TRAINED = spec("a", recorded=Origin("made_up:A", "made-up 1.0", prior_attempts=12_000))
 FOUR = ("CC4", "CE4", "CC3-CC4", "CE3-CC4")
+ABSENT = (TOLD, spec("never_played"))
+LACKING = {
+    "told": (same(3), 20), "whole": (same(6), 20, FOUR), "even": (same(6), 20, FOUR),
+    "easy": (same(4), 20, FOUR[:1]),
+}  # fmt: skip
 
 
 def sometimes(number):
@@ -69,14 +74,7 @@ def test_people_are_those_of_the_paper(found):
 
 
 def test_a_difference_is_over_the_conditions_of_its_row_or_there_is_none():
-    results = held(
-        *(TOLD, spec("never_played")),
-        told=(same(3), 20),
-        whole=(same(6), 20, FOUR),
-        even=(same(6), 20, FOUR),
-        easy=(same(4), 20, FOUR[:1]),
-        other=(same(4), 20, (*FOUR[:3], "CE3-CE4")),
-    )
+    results = held(*ABSENT, **LACKING, other=(same(4), 20, (*FOUR[:3], "CE3-CE4")))
     ranked = leaderboard(results).set_index("learner")
     assert ranked.loc["whole", "best"] == "whole"
     assert ranked.loc["easy", "to_best"] == -2  # in the condition that it played
@@ -128,20 +126,13 @@ def test_answers_tables_and_legends_of_leaderboards(played, golden):
     enough = (
         leaderboard(played).assign(subjects=40, to_people_p=0.5).replace({"score": {1.0: 1.01}})
     )
-    lacking = held(
-        *(TOLD, spec("never_played")),
-        told=(same(3), 20),
-        whole=(same(6), 20, FOUR),
-        even=(same(6), 20, FOUR),
-        easy=(same(4), 20, FOUR[:1]),
-    )
     alone = replace(held(a=(same(5), 2), b=(same(5), 2)), references=NO_ONE_BESIDE)
     unsolved = held(a=(same(30), 2), b=(same(30), 2))
     lines = [
         *told("cut off by the limit, four subjects", played),
         *told("not told apart", played, alike, enough),
         *told("trained before", held(TRAINED, a=(same(4), 20), b=(same(6), 20))),
-        *told("other conditions", lacking),
+        *told("other conditions", held(*ABSENT, **LACKING)),
         *told("a condition of one's own", held(a=(same(5), 20, ("CC4", "mine")))),
         *told("both cut off", held(a=(sometimes(9), 4), b=(same(30), 4))),
         *told("nothing solved", unsolved),

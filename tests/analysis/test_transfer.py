@@ -8,9 +8,7 @@ import pytest
 from matplotlib.figure import Figure
 from scipy import stats
 
-from causal_openlock.analysis.measures import attempts_to_solve, judged
 from causal_openlock.analysis.topics.transfer import OTHER, TOPIC, plot_savings, transfer
-from support.fabricated_records import table, trial_rows
 from support.paper_play import material, play, same, scattered
 from support.topics import section_on
 
@@ -92,15 +90,6 @@ def test_the_limit_says_nothing_of_who_solved_nothing(played, found):
 
     assert rows() == ["people", "published model", "good", "always"]
     assert rows(learners=["never"])[-1] == "never"
-
-
-def test_a_condition_is_judged_by_the_last_trial_of_its_last_loop():
-    rows = []
-    for loop in (1, 2):
-        for trial in (1, 2):
-            rows += trial_rows([0] * (loop + trial) + [1, 2, 3], loop=loop, trial=trial)
-    trials = judged(attempts_to_solve(table(rows)))
-    assert trials[["loop", "trial", "attempts"]].to_numpy().tolist() == [[2, 2, 7]]
 
 
 def test_other_learners_change_neither_the_estimate_nor_what_is_significant(played):

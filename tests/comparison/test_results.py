@@ -42,6 +42,7 @@ TRIAL = ["learner", "condition", "subject", "phase", "loop", "trial"]
 
 def test_attempts_and_actions_are_those_of_the_record(folder, results):
     record = Store(folder).record()[0].to_pandas()
+    assert [*results.trials["learner"].cat.categories] == ["random", "oracle"]  # as declared
     attempts, actions = results.attempts, results.actions
     assert len(attempts) == len(record)
     assert attempts["reward"].sum() == pytest.approx(record["reward"].sum())

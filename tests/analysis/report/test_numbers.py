@@ -9,13 +9,11 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from causal_openlock.analysis.measures import count
 from causal_openlock.analysis.report.writing import make_report
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.reading import read_results
 from causal_openlock.experiment.making import read_experiment
 from causal_openlock.running.runner import run
-from causal_openlock.storage.store import Store
 from support.html_page import Page
 
 pytestmark = pytest.mark.slow
@@ -140,20 +138,6 @@ def test_pages_of_learners_have_the_headline_and_what_is_published(folder, page,
         assert away == pytest.approx(mean, abs=1e-4)
     shown = next(rows for rows in page.tables if rows[0][:2] == ["condition", "phase"])
     assert [*{row[0]: row[5] for row in shown[1:]}.values()] == ["3.00"] * 3
-
-
-def test_counts_of_figure_6_add_up_to_the_attempts(folder, attempts):
-    record, _ = read_results(Store(folder))
-    _, blocks = count(record)
-    mine = blocks[(blocks["learner"] == "chance") & (blocks["condition"] == "CE4")]
-    own = attempts[(attempts["learner"] == "chance") & (attempts["condition"] == "CE4")]
-    assert mine.groupby("category", observed=True)["count"].sum().to_dict() == {
-        **dict.fromkeys(mine["category"].cat.categories, 0),
-        **own["category"].value_counts().to_dict(),
-    }
-    first = own.sort_values(["subject", "loop", "trial", "attempt"]).groupby("subject").head(80)
-    told = mine[mine["block"] == 1].set_index("category")["count"]
-    assert told["unlock"] == (first["category"] == "unlock").sum()
 
 
 def test_what_the_page_says_of_its_size(page, attempts):
