@@ -5,8 +5,8 @@ All that was said is in the transcripts of results and of their scores; a line a
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from contextlib import suppress
+from itertools import product
 from pathlib import Path
 from typing import Annotated
 
@@ -21,6 +21,10 @@ from causal_openlock.storage.store import Store
 from causal_openlock.wording import counted
 
 Share = Annotated[float, Field(ge=0, le=1)]
+_COLUMNS = [
+    *("learner", "condition", "answers", "tokens of questions", "tokens of answers", "seconds"),
+    *("no action", "unanswered actions", "unreadable structures"),
+]
 
 
 class _Counts(BaseModel):
@@ -74,32 +78,14 @@ def _counted(material: Material) -> pd.DataFrame:
     """A row for each subject that spoke."""
     known = beginnings(material.experiment)
     rows = []
-    for store in map(Store, material.folders):
-        for file in material.experiment.files:
-            path = store.transcript(Path(file))
-            if path.is_file() and (names := known.get(file.rsplit("_", 2)[0])):
-                cell = {"learner": names[0], "condition": names[1]}
-                rows += [cell | counts for counts in _counts(path)]
-    return pd.DataFrame(rows)
-
-
-def _counts(path: Path) -> Iterator[dict[str, float]]:
-    """The counts of each subject of a transcript, by column of the table."""
-    with path.open("rb") as file:
-        for line in file:
-            try:
-                counts = _Counts.model_validate_json(line)
-            except ValidationError:
-                continue  # what was said
-            yield {
-                "answers": counts.answers,
-                "tokens of questions": counts.tokens[0],
-                "tokens of answers": counts.tokens[1],
-                "seconds": counts.latency,
-                "no action": sum(counts.faults.values()),
-                "unanswered actions": counts.unanswered,
-                "unreadable structures": counts.unreadable,
-            }
+    for store, file in product(map(Store, material.folders), material.experiment.files):
+        path, cell = store.transcript(Path(file)), known.get(file.rsplit("_", 2)[0], ())
+        for line in path.read_bytes().splitlines() if cell and path.is_file() else ():
+            with suppress(ValidationError):  # what was said
+                said = _Counts.model_validate_json(line)
+                faults = sum(said.faults.values()), said.unanswered, said.unreadable
+                rows.append((*cell[:2], said.answers, *said.tokens, said.latency, *faults))
+    return pd.DataFrame(rows, columns=_COLUMNS)
 
 
 def _letters(material: Material) -> tuple[Table, ...]:
