@@ -8,19 +8,17 @@ values (phase, loop, trial, attempt), so the order in which cells are read makes
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.declare import PAPER_CONDITIONS
 from causal_openlock.experiment.record import CATEGORIES, PHASES, played
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.wording import counted
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 BASELINES, TRANSFERS = PAPER_CONDITIONS[:2], PAPER_CONDITIONS[2:]
 """The paper's six conditions; tables and figures show them in this order, before any others."""

@@ -12,15 +12,14 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pyarrow as pa
 
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.record import schema_of
 from causal_openlock.files.atomic import write_bytes
 from causal_openlock.files.checksums import ChecksumError, read_table, table_bytes
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 REACTIONS, STRUCTURES = "reactions", "structures"  #: the folders of these tables
 
@@ -120,15 +119,11 @@ def read_answers(folder: Path | str) -> pa.Table:
 
 
 def _write(path: Path, rows: Sequence[Mapping[str, Any]], schema: pa.Schema) -> None:
-    import pyarrow as pa
-
     write_bytes(path, table_bytes(pa.Table.from_pylist([*rows], schema=schema)))
 
 
 def _read(folder: Path | str, name: str, schema: pa.Schema) -> pa.Table:
     """The rows of all people in a folder."""
-    import pyarrow as pa
-
     tables = [schema.empty_table()]
     for path in sorted((Path(folder) / name).glob("*.parquet")):
         try:

@@ -7,16 +7,14 @@ measures, draws or reports. A record is an Arrow table, kept as one Parquet file
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from causal_openlock.experiment.declare import SHOWN
 from causal_openlock.schemas.fsm import BoolArray, IntArray
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 CATEGORIES = ("else", "unlock", "open1", "open2", "open3")
 """The outcome of an attempt, as in Figures 6 and 7: an event, not a sum of rewards.
@@ -31,7 +29,6 @@ PHASES = (SHOWN, "train", "test")
 
 def played(record: pa.Table) -> pa.Table:
     """The rows of a record that its subjects played; what they were shown is left out."""
-    import pyarrow as pa
     import pyarrow.compute as pc
 
     shown = pc.equal(pc.cast(record["phase"], pa.string()), SHOWN)
@@ -40,8 +37,6 @@ def played(record: pa.Table) -> pa.Table:
 
 def schema_of(*columns: tuple[str, Any, str], nullable: bool = True) -> pa.Schema:
     """Columns from the name, the type and the meaning of each."""
-    import pyarrow as pa
-
     return pa.schema(
         [pa.field(name, kind, nullable, {"meaning": meaning}) for name, kind, meaning in columns]
     )
@@ -49,8 +44,6 @@ def schema_of(*columns: tuple[str, Any, str], nullable: bool = True) -> pa.Schem
 
 def record_schema() -> pa.Schema:
     """The columns of a record, each with its meaning."""
-    import pyarrow as pa
-
     text = pa.dictionary(pa.int16(), pa.string())
     layouts = pa.dictionary(pa.int32(), pa.string())  # of which there can be many
     return schema_of(
@@ -82,8 +75,6 @@ def record_schema() -> pa.Schema:
 
 def with_times(record: pa.Table, seconds: Sequence[float | None]) -> pa.Table:
     """A record of attempts that ended at these times, which are not those of its session."""
-    import pyarrow as pa
-
     where = record.schema.get_field_index("wall_time")
     times = pa.array([time or 0.0 for time in seconds], pa.float32())
     return record.set_column(where, record.schema.field(where), times)
@@ -144,8 +135,6 @@ def assemble(
     ``visits`` are columns ``[B, T]`` of the T trials that each of the B subjects visits, and
     ``constants`` those that are the same for all, with the ``subjects``' numbers, ``[B]``.
     """
-    import pyarrow as pa
-
     numbers = constants["subjects"]
     ended = log.since(0)
     attempts = ended[numbers[ended["subject"]].argsort(kind="stable")]
@@ -171,6 +160,4 @@ def assemble(
 
 
 def _dictionary(codes: IntArray | NDArray[Any], names: Sequence[str]) -> pa.Array:
-    import pyarrow as pa
-
     return pa.DictionaryArray.from_arrays(codes.astype(np.int32), pa.array(names, pa.string()))

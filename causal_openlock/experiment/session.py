@@ -10,9 +10,10 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from itertools import chain
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from causal_openlock.contract.learner import Brief, InformedLearner, Learner, Step, Truth, View
 from causal_openlock.errors import ExperimentError, LearnerError
@@ -25,9 +26,6 @@ from causal_openlock.world.randomness import Streams, generators, unrelated_gene
 from causal_openlock.world.rewards import PAPER_REWARD, RewardForm, find_reward
 from causal_openlock.world.room import Room, action_names, positions_for
 from causal_openlock.world.rooms import Rooms, RoomTables
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 AT_ONCE = 40  #: number of recorded subjects replayed in one batch
 

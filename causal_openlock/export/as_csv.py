@@ -13,14 +13,14 @@ import gzip
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import pyarrow as pa
+
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.record import played, record_schema
 from causal_openlock.files.atomic import replacing
 from causal_openlock.files.escaping import cell
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from causal_openlock.storage.store import Store
 
 
@@ -59,7 +59,6 @@ def write_csv(store: Store, path: Path | str) -> int:
 
 def flat(record: pa.Table) -> pa.Table:
     """A record in text and numbers only: no names coded by numbers, no lists, no truth values."""
-    import pyarrow as pa
     import pyarrow.compute as pc
 
     columns = []

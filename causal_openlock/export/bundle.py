@@ -25,6 +25,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import pyarrow as pa
 from jinja2 import Template
 
 from causal_openlock.errors import StoreError
@@ -40,8 +41,6 @@ from causal_openlock.version import RESULTS_VERSION
 from causal_openlock.world.rewards import OwnReward
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from causal_openlock.storage.store import Store
 
 Contents = dict[str, bytes]

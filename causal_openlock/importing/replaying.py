@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from causal_openlock.contract.learner import Step
 from causal_openlock.errors import OpenLockError
@@ -20,9 +21,6 @@ from causal_openlock.experiment.plan import Visit, plan
 from causal_openlock.experiment.session import Session
 from causal_openlock.importing.reading import CLAIMS, Action, fault_at
 from causal_openlock.world.room import Layout, action_index, action_names, positions_for
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,9 +17,10 @@ from functools import cached_property
 from importlib import import_module
 from itertools import chain, groupby, pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
+import pyarrow as pa
 from PIL import Image
 
 from causal_openlock.contract.learner import Learner
@@ -37,9 +38,6 @@ from causal_openlock.render.scene import Look
 from causal_openlock.wording import counted, nearest
 from causal_openlock.world.rewards import PAPER_REWARD, RewardFunction
 from causal_openlock.world.room import Room, action_names, positions_for, published_layouts
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 FILMS = (".gif", ".mp4")
 # Seconds for which the film pauses: before an attempt, after an action, after the last action of an

@@ -11,19 +11,17 @@ import json
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.declare import SHOWN, Experiment, LearnerSpec
 from causal_openlock.experiment.session import AT_ONCE, Session, padded
 from causal_openlock.schemas.fsm import BoolArray, IntArray
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 GROUP = ["learner", "condition", "protocol", "experiment", "seed"]
 """Columns that identify subjects who can be replayed in one session."""

@@ -13,10 +13,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 
 from causal_openlock.analysis.effects import Group, weighted_difference
 from causal_openlock.analysis.measures import ordered
@@ -33,9 +34,6 @@ from causal_openlock.scoring.recorded import ATTEMPT, GROUP, record_digest
 from causal_openlock.storage.store import Store
 from causal_openlock.wording import joined, nearest
 from causal_openlock.world.room import action_names, positions_for
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 SUBJECT = [*GROUP, "subject"]
 LN2 = float(np.log(2.0))
@@ -299,8 +297,6 @@ class Scores:
         Raises:
             OSError: If they cannot be written.
         """
-        import pyarrow as pa
-
         files = [folder / ACTIONS, folder / BY_SUBJECT, folder / FOLLOWED]
         schema = pa.schema([(name, pa.type_for_alias(kind)) for name, kind in COLUMNS.items()])
         table = pa.Table.from_pandas(self.actions[[*COLUMNS]], schema, preserve_index=False)

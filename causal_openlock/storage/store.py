@@ -23,14 +23,16 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
+import pyarrow as pa
 from pydantic import AliasChoices, Field, ValidationError
 
 from causal_openlock.errors import OpenLockError, StoreError, in_short
 from causal_openlock.experiment.beside_record import unwritten_actions
 from causal_openlock.experiment.declare import Cell, Experiment
 from causal_openlock.experiment.plan import trials_of
+from causal_openlock.experiment.record import record_schema
 from causal_openlock.files import checksums
 from causal_openlock.files.atomic import folder_at, is_empty, unwritable, write_bytes
 from causal_openlock.files.checksums import digest
@@ -40,9 +42,6 @@ from causal_openlock.storage.folder_lock import Shard, locked
 from causal_openlock.storage.versions import Versions, merged_versions, other_versions, versions
 from causal_openlock.version import RESULTS_VERSION
 from causal_openlock.wording import counted
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 IDENTITY = b"causal_openlock.cell"
 VERSIONS = b"causal_openlock.versions"
@@ -257,10 +256,6 @@ class Store:
         self, path: Path, columns: Sequence[str] | None
     ) -> tuple[pa.Table, Versions, list[str]]:
         """A cell's record, the versions that made it, and warnings of how it came about."""
-        import pyarrow as pa
-
-        from causal_openlock.experiment.record import record_schema
-
         try:
             table = checksums.read_table(path.read_bytes(), columns)
             metadata = table.schema.metadata or {}
@@ -312,8 +307,6 @@ class Store:
         Raises:
             StoreError: If there is no cell, or one is damaged.
         """
-        import pyarrow as pa
-
         experiment = self.experiment()
         listed = {
             "learner": {spec.name for spec in experiment.learners},

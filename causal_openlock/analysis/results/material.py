@@ -11,10 +11,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 
 from causal_openlock.analysis.measures import (
     CELL,
@@ -29,9 +30,6 @@ from causal_openlock.analysis.results.references import Reference, references_of
 from causal_openlock.analysis.statistics import mean_intervals
 from causal_openlock.experiment.declare import PERSON
 from causal_openlock.storage.store import StoredExperiment
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 T = TypeVar("T")
 SUMMARY_COLUMNS = (

@@ -10,6 +10,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Literal, get_args
 
+import pyarrow as pa
+
 from causal_openlock.analysis.measures import CELL, SUBJECT
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.declare import PERSON, SHOWN
@@ -18,8 +20,6 @@ from causal_openlock.storage.versions import merged_versions
 from causal_openlock.wording import joined
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from causal_openlock.experiment.declare import Condition, LearnerSpec
     from causal_openlock.storage.store import StoredExperiment
 
@@ -77,8 +77,6 @@ def together(
         StoreError: If two learners, or one learner's results of a condition twice, have the same
             label, or a condition has two meanings.
     """
-    import pyarrow as pa
-
     experiments = [experiment for _, experiment in results]
     learners: dict[str, LearnerSpec] = {}
     conditions: dict[str, Condition] = {}

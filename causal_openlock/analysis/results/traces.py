@@ -12,6 +12,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import pandas as pd
+import pyarrow as pa
 
 from causal_openlock.analysis.measures import CELL, VISIT, ordered
 from causal_openlock.analysis.results.material import Material
@@ -25,8 +26,6 @@ from causal_openlock.wording import nearest
 from causal_openlock.world.room import Room, action_names
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from causal_openlock.belief.trace import Trace
 
 
