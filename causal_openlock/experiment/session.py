@@ -18,7 +18,7 @@ import pyarrow as pa
 from causal_openlock.contract.learner import Brief, InformedLearner, Learner, Step, Truth, View
 from causal_openlock.errors import ExperimentError, LearnerError
 from causal_openlock.experiment.declare import Cell, Condition, Protocol
-from causal_openlock.experiment.plan import check_trial, plan
+from causal_openlock.experiment.plan import plan
 from causal_openlock.experiment.record import AttemptLog, assemble
 from causal_openlock.schemas.fsm import BoolArray, IntArray
 from causal_openlock.world import kernel
@@ -203,15 +203,6 @@ class Session:
             learner.__setstate__(state)
         if isinstance(learner, InformedLearner):
             learner.inform(self.truth)
-
-    def begin_trial(self, learner: Learner, trial: int) -> None:
-        """Let a learner begin and play the only subject up to a trial, if there is one, from 1."""
-        where = f"{self.condition.name} under protocol {self.protocol.name}"
-        check_trial(trial, self.brief.trials, where)
-        self.begin(learner)
-        steps = self.steps(learner)
-        while self.view.trial[0] < trial:
-            next(steps)
 
     def steps(self, learner: Learner) -> Iterator[Step]:
         """Let a learner that has begun play; yields each step after the learner has learned."""

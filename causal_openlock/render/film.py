@@ -104,11 +104,13 @@ def play_trial(
         ExperimentError: If there is no such trial, or a schema does not fit the protocol.
     """
     session = Session(condition, protocol, [subject], seed=seed, reward=reward, learner=label)
-    session.begin_trial(learner, trial)
+    trials = session.brief.trials
+    check_trial(trial, trials, f"{condition.name} under protocol {protocol.name}")
+    session.begin(learner)
     for step in session.steps(learner):
-        if step.trial_over[0]:
+        if step.trial_over[0] and step.view.trial[0] == trial:
             break
-    attempts, trials = _trials(session.record())[trial - 1], session.brief.trials
+    attempts = _trials(session.record())[trial - 1]
     return FilmedTrial(label, condition, protocol, subject, trial, trials, attempts)
 
 
