@@ -23,13 +23,8 @@ class OpenLockError(ValueError):
     """Base of all errors that a user of the toolkit can cause and fix.
 
     As a ``ValueError``, it is collected by pydantic with the faults that pydantic finds itself.
-
-    Args:
-        message: What is wrong and what to do about it.
-        at: Where, as a path of keys into what was declared, such as ``("edges", "L0", "L3")``.
-
-    Attributes:
-        status: What the command line exits with.
+    ``at`` is its place, a path of keys into what was declared, such as ``("edges", "L0", "L3")``;
+    ``status`` is what the command line exits with.
     """
 
     status = 2
@@ -63,11 +58,7 @@ class Interrupted(OpenLockError):  # noqa: N818 - it is none
 
 
 class Stopped(KeyboardInterrupt):
-    """A signal has asked the process to end: Ctrl-C, or SIGTERM of a batch system.
-
-    Args:
-        number: The signal's.
-    """
+    """A signal has asked the process to end: Ctrl-C, or SIGTERM of a batch system."""
 
     def __init__(self, number: int) -> None:
         super().__init__(number)
@@ -96,10 +87,8 @@ class NotAvailableError(LearnerError):
 class CellsFailed(LearnerError):  # noqa: N818 - the others did not
     """Cells could not be played; all others are done.
 
-    Attributes:
-        reasons: Why, a sentence for each of them.
-        every: Whether no cell of the experiment was played.
-        summary: Number of failed cells, and what to do.
+    ``reasons`` has a sentence for each of them, ``summary`` says how many they are and what to do,
+    and ``every`` is whether no cell of the experiment was played.
     """
 
     status = 1
@@ -208,13 +197,8 @@ def is_stop(error: BaseException) -> bool:
 def failures_as(kind: type[OpenLockError], what: str, remedy: str = "") -> Iterator[None]:
     """A block that runs a user's code: whatever it raises becomes an error of a kind.
 
-    Args:
-        kind: The kind.
-        what: What fails, and the verb; the reason follows in parentheses.
-        remedy: What to do, after the reason.
-
-    Raises:
-        OpenLockError: Of the kind, or as the code raised it.
+    Its message is what fails with the verb, the reason in parentheses, and the remedy. An
+    OpenLockError of the code stays as it is.
     """
     try:
         yield

@@ -64,11 +64,9 @@ def seen_html(seen: Seen) -> str:
 def playable_html(room: PlayableRoom) -> str:
     """A room to try out, as it is now, and how to act in it."""
     names = ", ".join(name.removeprefix("push ") for name in room.actions[: room.positions])
-    title, below = (
-        f"{room.schema.name} in {room.layout.name}",
-        f"push or pull {names}; or push door",
-    )
-    return _room(title, room.observation, room.panel, _text(below))
+    title = f"{room.schema.name} in {room.layout.name}"
+    how = _text(f"push or pull {names}; or push door")
+    return _room(title, room.observation, room.panel, how)
 
 
 def opened_html(opened: Any) -> str:

@@ -208,8 +208,7 @@ def _in_short(parts: Sequence[LearnerSpec] | Sequence[Condition], what: str) -> 
 def code_named(data: Any) -> Iterator[tuple[str, str]]:
     """The learners and rewards that an experiment file names as ``module:name``, with their role.
 
-    Args:
-        data: The content of the file; none of the code runs.
+    None of the code runs.
     """
     whole = data if isinstance(data, Mapping) else {}
     learners = whole["learners"] if isinstance(whole.get("learners"), list) else []

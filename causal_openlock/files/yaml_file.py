@@ -118,13 +118,10 @@ class Document:
         context: dict[str, Any] | None = None,
         changed: Iterable[str] = (),
     ) -> Model:
-        """The content as a model or a part.
+        """The content as a model or a part; pydantic passes ``context`` to validators.
 
-        Args:
-            kind: What it is read as.
-            data: The content, if something in it is changed.
-            context: What pydantic passes to validators.
-            changed: Keys of what is changed, whose faults have no place in the file.
+        ``data`` is the content if something in it is changed; faults of the keys that are
+        ``changed`` have no place in the file.
 
         Raises:
             FileError: With one fault for every value that is refused.

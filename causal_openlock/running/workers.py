@@ -104,10 +104,8 @@ class ThisProcess(futures.Executor):
 class Processes(futures.ThreadPoolExecutor):
     """Processes of this machine, for each of which a thread waits; leaving the block ends them.
 
-    Args:
-        workers: Number of processes.
-        fresh: Whether a job with these arguments needs a process that does no other job.
-        time_limit: Seconds after which the process of a job is ended.
+    A job of which ``fresh`` is true, by its arguments, has a process that does no other job. The
+    process of a job is ended after ``time_limit`` seconds.
     """
 
     def __init__(

@@ -386,11 +386,7 @@ class Schema:
         return f"<Schema {self.name}: {levers}, {counted(solutions, 'solution')}>"
 
 
-def _schema(form: SchemaForm) -> Schema:
-    return Schema(**dict(form))
-
-
-SchemaData: Any = Annotated[SchemaForm, AfterValidator(_schema)]
+SchemaData: Any = Annotated[SchemaForm, AfterValidator(lambda form: Schema(**dict(form)))]
 """What pydantic reads plain data, such as a schema file, with: a :class:`Schema`."""
 
 

@@ -56,13 +56,8 @@ def store_code(experiment: Experiment, folder: Path) -> list[str]:
 def stored_code(name: str, origin: str, folder: Path) -> tuple[str, dict[str, Path]]:
     """Return what ``module:Class`` is called where its stored code stands, and the files of that.
 
-    Args:
-        name: Of the learner or the reward.
-        origin: Its recorded file and hash.
-        folder: The results folder.
-
     Raises:
-        StoreError: If the folder has the code, and it is not what was run.
+        StoreError: If the folder has the code, and not that of the recorded ``origin``.
     """
     place = _place(folder, origin)
     files: dict[str, Path] = {}

@@ -125,10 +125,7 @@ def rewards_by_event(
 ) -> FloatArray:
     """``[F, WORDS, solutions + 1]`` what F rewards pay for each event, by solutions found before.
 
-    Args:
-        rewards: The reward functions.
-        words: The events that there are, without the bits that depend on the past.
-        solutions: The most that can be found.
+    ``words`` are the events that there are, without the bits that depend on the past.
 
     Example:
         >>> opens = np.array([kernel.OPENS | UNLOCKED])

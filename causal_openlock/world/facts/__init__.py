@@ -10,23 +10,18 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-FOLDER = Path(__file__).parent
-
-
-@cache
 def room_facts() -> dict[str, Any]:
     """The content of ``room.yaml``."""
-    return _load("room.yaml")
+    return _loaded("room.yaml")
+
+
+def results() -> dict[str, Any]:
+    """The content of ``results.yaml``."""
+    return _loaded("results.yaml")
 
 
 @cache
-def results() -> dict[str, Any]:
-    """The content of ``results.yaml``."""
-    return _load("results.yaml")
-
-
-def _load(name: str) -> dict[str, Any]:
+def _loaded(name: str) -> Any:
     from ruamel.yaml import YAML
 
-    loaded: dict[str, Any] = YAML(typ="safe", pure=True).load(FOLDER / name)
-    return loaded
+    return YAML(typ="safe", pure=True).load(Path(__file__).with_name(name))
