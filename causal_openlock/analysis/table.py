@@ -12,16 +12,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
+from markupsafe import Markup, escape
 
 from causal_openlock.files.atomic import write_text
 from causal_openlock.files.escaping import csv_of
-
-if TYPE_CHECKING:
-    from markupsafe import Markup
 
 LONG_TEXT = 40  #: cells of more characters than this are wrapped
 MANY_COLUMNS = 9  #: tables of more columns than this are set smaller
@@ -73,7 +71,6 @@ class Table:
 
     def html(self, look: str = "data") -> Markup:
         """Return it as HTML, of a class of the page's style; names may break after a ``_``."""
-        from markupsafe import Markup, escape
 
         def entry(text: str, column: int, start: str = "td") -> str:
             kind = "" if self.numeric[column] else ' class="name"'

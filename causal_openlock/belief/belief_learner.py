@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from causal_openlock.belief.beliefs import Belief, Beliefs
-from causal_openlock.belief.marginals import Posterior, model_of
+from causal_openlock.belief.marginals import Model, Posterior, model_of
 from causal_openlock.belief.planning import Objective, Planner, Situation
 from causal_openlock.contract.learner import Learner, Structure, View
 from causal_openlock.errors import LearnerError
 from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.schemas.schema import Schema
-
-if TYPE_CHECKING:
-    from causal_openlock.belief.marginals import Model
 
 
 class BeliefLearner(Learner):

@@ -14,6 +14,7 @@ from causal_openlock.cli.stopping import resumable
 from causal_openlock.cli.terminal import complain
 from causal_openlock.comparison.progress_bar import shown
 from causal_openlock.errors import OpenLockError
+from causal_openlock.files.atomic import folder_at
 
 if TYPE_CHECKING:
     from causal_openlock.running.progress import RunProgress
@@ -85,7 +86,6 @@ def compare(
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.comparison.results import open_results
     from causal_openlock.experiment.making import Changes, find_experiment, read_experiment
-    from causal_openlock.files.atomic import folder_at
     from causal_openlock.storage.folder_lock import Shard
     from causal_openlock.storage.store import Store
 

@@ -9,6 +9,7 @@ import typer
 
 from causal_openlock.cli.options import Output, ResultsFolder
 from causal_openlock.cli.terminal import say
+from causal_openlock.comparison.progress_bar import duration
 from causal_openlock.errors import first_lines
 from causal_openlock.wording import counted
 
@@ -19,7 +20,6 @@ def status(folder: ResultsFolder) -> None:
     Running and failed cells are named. The comparison may run anywhere: on this machine, on a
     cluster, or as shards in a job array.
     """
-    from causal_openlock.comparison.progress_bar import duration
     from causal_openlock.running.progress import status_of
     from causal_openlock.storage.store import LOG, Store
 

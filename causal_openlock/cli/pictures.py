@@ -16,6 +16,7 @@ from causal_openlock.cli.options import (
     SubjectNumber,
 )
 from causal_openlock.cli.terminal import say
+from causal_openlock.comparison.progress_bar import shown_steps
 from causal_openlock.errors import OpenLockError
 from causal_openlock.files.atomic import write_text
 from causal_openlock.files.escaping import csv_of
@@ -129,7 +130,6 @@ def film(
 
     The film is a GIF or MP4; a PNG or SVG is its last moment.
     """
-    from causal_openlock.comparison.progress_bar import shown_steps
     from causal_openlock.contract.checks import failures_of
     from causal_openlock.render import STILLS
     from causal_openlock.render.film import check_suffix, play_trial, recorded_trial, save_film

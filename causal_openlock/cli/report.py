@@ -9,6 +9,7 @@ import typer
 
 from causal_openlock.cli.options import BesideFolders, Exclude, ResultsFolder
 from causal_openlock.cli.terminal import say
+from causal_openlock.comparison.progress_bar import shown_steps
 from causal_openlock.errors import OpenLockError, first_lines
 
 if TYPE_CHECKING:
@@ -76,7 +77,6 @@ def report_results(
     from causal_openlock.analysis.results.missing import missing_cells, unfinished
     from causal_openlock.analysis.topics.leaderboard import answers
     from causal_openlock.comparison.console import Terminal, print_leaderboard
-    from causal_openlock.comparison.progress_bar import shown_steps
     from causal_openlock.storage.store import Store
 
     with shown_steps("report") as begin:
@@ -98,7 +98,6 @@ def report_results(
 def report_difference(first: Path, second: Path, out: Path, figures: bool) -> None:
     """Write a page on what differs between two results folders, and say whether anything does."""
     from causal_openlock.analysis.report.difference_page import write_difference
-    from causal_openlock.comparison.progress_bar import shown_steps
     from causal_openlock.comparison.results import open_results
 
     names = first.resolve().name, second.resolve().name

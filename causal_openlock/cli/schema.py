@@ -9,6 +9,7 @@ import typer
 
 from causal_openlock.cli.options import Output, SchemaName
 from causal_openlock.cli.terminal import say
+from causal_openlock.comparison.progress_bar import shown_steps
 from causal_openlock.errors import OpenLockError
 from causal_openlock.files.atomic import write_text
 from causal_openlock.wording import counted
@@ -174,7 +175,6 @@ def worth(
     """Compute what knowing the schema is worth to an ideal observer, in attempts."""
     from causal_openlock.belief.worth import schema_worth
     from causal_openlock.comparison.console import Terminal
-    from causal_openlock.comparison.progress_bar import shown_steps
 
     among = among or ["all"]
     with shown_steps("worth") as report:

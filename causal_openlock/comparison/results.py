@@ -23,7 +23,7 @@ from causal_openlock.analysis.results.missing import missing_cells
 from causal_openlock.analysis.results.reading import Exclusion, read_results, together
 from causal_openlock.analysis.table import Table
 from causal_openlock.errors import StoreError
-from causal_openlock.experiment.making import listed
+from causal_openlock.experiment.making import LearnerForm, listed
 from causal_openlock.files.atomic import folder_at, is_empty, move_into, unwritable
 from causal_openlock.storage.folder_lock import LOCK
 from causal_openlock.storage.store import Store
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from causal_openlock.analysis.report.methods import Methods
     from causal_openlock.analysis.report.writing import Report
     from causal_openlock.comparison.plotting import Plots
-    from causal_openlock.experiment.making import LearnerForm
     from causal_openlock.scoring.scores import Scores
 
 SUBJECTS = [*CELL, *SUBJECT]  #: columns that identify a subject

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +25,7 @@ from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.kernel import ATTEMPTS_LEFT
 from causal_openlock.world.room import Room
-
-if TYPE_CHECKING:
-    from causal_openlock.world.rooms import Outcome, Rooms
+from causal_openlock.world.rooms import Outcome, Rooms
 
 Observations = NDArray[np.int8]
 Told = TypeVar("Told")

@@ -11,8 +11,11 @@ import typer
 
 from causal_openlock.cli.options import Workers
 from causal_openlock.cli.stopping import resumable
+from causal_openlock.comparison.progress_bar import counting, shown_steps
 from causal_openlock.design import COPIES
 from causal_openlock.errors import OpenLockError
+from causal_openlock.files.atomic import folder_at, write_text
+from causal_openlock.files.escaping import csv_of
 from causal_openlock.scoring import LAPSE
 
 if TYPE_CHECKING:
@@ -88,14 +91,11 @@ def design(
     """
     from causal_openlock.analysis.plots import style
     from causal_openlock.comparison.console import Terminal
-    from causal_openlock.comparison.progress_bar import counting, shown_steps
     from causal_openlock.design.apart import theories_of, told_apart, unknown
     from causal_openlock.design.figure import draw_confusion
     from causal_openlock.design.parameters import correlations, parameters_recovered, searched
     from causal_openlock.design.telling import bits, by_size, informed, most_bits, ranked
     from causal_openlock.experiment.making import Changes, find_experiment, read_experiment
-    from causal_openlock.files.atomic import folder_at, write_text
-    from causal_openlock.files.escaping import csv_of
     from causal_openlock.running.workers import available_cores
     from causal_openlock.scoring.teacher_forcing import known_learners
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import gzip
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pyarrow as pa
 
@@ -19,9 +19,7 @@ from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.record import played, record_schema
 from causal_openlock.files.atomic import replacing
 from causal_openlock.files.escaping import cell
-
-if TYPE_CHECKING:
-    from causal_openlock.storage.store import Store
+from causal_openlock.storage.store import Store
 
 
 def write_csv(store: Store, path: Path | str) -> int:

@@ -23,7 +23,6 @@ import re
 import zipfile
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pyarrow as pa
 from jinja2 import Template
@@ -35,13 +34,10 @@ from causal_openlock.experiment.record import played, record_schema
 from causal_openlock.files.atomic import replacing
 from causal_openlock.files.yaml_file import dump_yaml
 from causal_openlock.storage.own_code import stored_code, stored_files
-from causal_openlock.storage.store import StoredExperiment
+from causal_openlock.storage.store import Store, StoredExperiment
 from causal_openlock.usercode.session_code import is_of_session
 from causal_openlock.version import RESULTS_VERSION
 from causal_openlock.world.rewards import OwnReward
-
-if TYPE_CHECKING:
-    from causal_openlock.storage.store import Store
 
 Contents = dict[str, bytes]
 """Files by their paths in a bundle."""

@@ -10,8 +10,10 @@ from typing import Annotated, Any
 import typer
 
 from causal_openlock.cli.options import Workers
+from causal_openlock.comparison.progress_bar import counting, shown_steps
 from causal_openlock.errors import StoreError
 from causal_openlock.scoring import LAPSE
+from causal_openlock.wording import counted, joined
 
 
 def score(
@@ -57,14 +59,12 @@ def score(
     from causal_openlock.analysis.statistics import too_few
     from causal_openlock.analysis.table import p_value
     from causal_openlock.comparison.console import Terminal
-    from causal_openlock.comparison.progress_bar import counting, shown_steps
     from causal_openlock.experiment.making import find_experiment, read_experiment
     from causal_openlock.fitting.predicting import score_folder
     from causal_openlock.running.workers import available_cores
     from causal_openlock.scoring.scores import FOLDER, Scores
     from causal_openlock.scoring.scores_section import FORMATS, HEADS, ranked
     from causal_openlock.scoring.teacher_forcing import known_learners
-    from causal_openlock.wording import counted, joined
 
     console = Terminal()
     predicting: Sequence[Any] = learner or ()

@@ -7,17 +7,16 @@ from collections.abc import Sequence
 from functools import lru_cache
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup, escape
 
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.table import write_table
 from causal_openlock.analysis.topic import Section, SectionPlot
 from causal_openlock.files.atomic import write_text
 from causal_openlock.wording import counted
-
-if TYPE_CHECKING:
-    from jinja2 import Environment
-    from markupsafe import Markup
 
 LONG = 24  #: tables of more rows than this are closed until they are opened
 
@@ -51,8 +50,6 @@ def write_page(
 
 @lru_cache(maxsize=1)
 def _environment() -> Environment:
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
     made = Environment(
         loader=PackageLoader("causal_openlock.analysis", "report"),
         autoescape=True,
@@ -65,8 +62,6 @@ def _environment() -> Environment:
 
 def _svg(plot: SectionPlot) -> Markup:
     """A figure for inside the page: sized by it, and with names of its own."""
-    from markupsafe import Markup, escape
-
     svg = style.image(plot.figure, "svg").decode()
     svg = re.sub(r"<!--.*?-->", "", svg[svg.index("<svg") :], flags=re.DOTALL)
     svg = re.sub(r'\bid="', f'id="{plot.name}-', svg)

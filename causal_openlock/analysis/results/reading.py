@@ -8,20 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
 import pyarrow as pa
 
 from causal_openlock.analysis.measures import CELL, SUBJECT
 from causal_openlock.errors import StoreError
-from causal_openlock.experiment.declare import PERSON, SHOWN
-from causal_openlock.storage.store import Store
+from causal_openlock.experiment.declare import PERSON, SHOWN, Condition, LearnerSpec
+from causal_openlock.storage.store import Store, StoredExperiment
 from causal_openlock.storage.versions import merged_versions
 from causal_openlock.wording import joined
-
-if TYPE_CHECKING:
-    from causal_openlock.experiment.declare import Condition, LearnerSpec
-    from causal_openlock.storage.store import StoredExperiment
 
 Exclusion = Literal["completed no trial"]  #: rules by which people are left out
 

@@ -16,6 +16,7 @@ import pyarrow as pa
 
 from causal_openlock.analysis.measures import CELL, VISIT, ordered
 from causal_openlock.analysis.results.material import Material
+from causal_openlock.contract.registry import create, is_ours, learner_class, origin
 from causal_openlock.errors import NothingToDrawError, OpenLockError
 from causal_openlock.experiment.declare import LearnerSpec
 from causal_openlock.experiment.plan import shown_trials
@@ -23,6 +24,7 @@ from causal_openlock.files.validation import whole_number
 from causal_openlock.storage.versions import other_versions
 from causal_openlock.version import RESULTS_VERSION
 from causal_openlock.wording import nearest
+from causal_openlock.world.rewards import PAPER_REWARD
 from causal_openlock.world.room import Room, action_names
 
 if TYPE_CHECKING:
@@ -31,8 +33,6 @@ if TYPE_CHECKING:
 
 def installed(spec: LearnerSpec) -> type:
     """A learner's class, or ``object`` if no package brings it along: no code of results runs."""
-    from causal_openlock.contract.registry import learner_class
-
     with suppress(OpenLockError):
         return object if ":" in spec.learner else learner_class(spec.learner)
     return object
@@ -65,8 +65,6 @@ def replayed(
     from causal_openlock.belief.belief_learner import BeliefLearner
     from causal_openlock.belief.structure_schemas import by_position, same_structure
     from causal_openlock.belief.trace import trace_trial
-    from causal_openlock.contract.registry import create, is_ours, origin
-    from causal_openlock.world.rewards import PAPER_REWARD
 
     known = believers(results)
     played = results.trials[results.trials["learner"].isin(list(known))]

@@ -7,7 +7,6 @@ It is the first trial of the first subject in the first condition; see
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import pandas as pd
 
@@ -16,11 +15,9 @@ from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.traces import believers, replayed
 from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Section, Topic, drawn, sentences
+from causal_openlock.belief.trace import Trace
 from causal_openlock.errors import OpenLockError
 from causal_openlock.wording import counted, file_names, joined
-
-if TYPE_CHECKING:
-    from causal_openlock.belief.trace import Trace
 
 MOST = 3  #: learners whose belief is shown: those that are listed first
 LONGEST = 60  #: trials of more attempts than this are not traced: it takes long, and few are shown

@@ -10,6 +10,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+
 def room_facts() -> dict[str, Any]:
     """The content of ``room.yaml``."""
     return _loaded("room.yaml")
