@@ -116,7 +116,7 @@ class Possible:
     likely: FloatArray  #: ``[G, C]`` how likely each chain is, by the abstract schema
 
 
-@lru_cache(maxsize=1024)  # copies of a subject, and many subjects at first, have the same left
+@lru_cache(maxsize=128)  # shared by copies of a subject, and by subjects in their first attempts
 def possible_of(
     positions: int, length: int, solutions: int, allowed: bytes, found: tuple[int, ...]
 ) -> Possible:
@@ -160,9 +160,11 @@ class RoomHypotheses:
     over: bool = False  #: whether the trial has ended
 
     def __post_init__(self) -> None:
-        self.chains = chains_of(len(self.grey), self.length)
+        self.chains = chains_of(len(self.grey), self.length)  #: all chains of the room
+        #: all schemas of the room; None if there are too many to list
         self.schemas = schemas_of(len(self.grey), self.length, self.solutions)
-        self.allowed: BoolArray = np.ones(len(self.chains.actions), dtype=bool)  # those not removed
+        #: ``[C]`` chains that were not removed
+        self.allowed: BoolArray = np.ones(len(self.chains.actions), dtype=bool)
 
     @property
     def lost(self) -> bool:
