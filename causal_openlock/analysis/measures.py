@@ -111,9 +111,12 @@ def count(record: pa.Table, at_once: int = AT_ONCE) -> tuple[pd.DataFrame, pd.Da
 
 
 def _named(record: pa.Table) -> pa.Table:
-    """What is counted of a record; the codes of its texts are the same in every chunk."""
-    columns = [*TRIAL, "attempt", "category", "solutions_found", "solutions"]
-    return record.select(columns).unify_dictionaries()
+    """What is counted of a record; its columns of text are codes, the same in every chunk."""
+    record = record.select([*TRIAL, "attempt", "category", "solutions_found", "solutions"])
+    for name in NAMES:
+        place = record.schema.get_field_index(name)
+        record = record.set_column(place, name, record[name].dictionary_encode())
+    return record.unify_dictionaries()
 
 
 def _attempts(record: pa.Table) -> pd.DataFrame:

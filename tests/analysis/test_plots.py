@@ -143,7 +143,7 @@ def test_it_refuses_what_it_cannot_draw_and_where_it_cannot_draw(name):
             draw(name, **options)
     function = plot_of(name).__wrapped__
     if "learners" in inspect.signature(function).parameters:
-        with pytest.raises(OpenLockError, match="did you mean random"):
+        with pytest.raises(OpenLockError, match="no learner randm"):
             draw(name, learners=["randm"])
     assert plt.get_fignums() == []
     first, *others = inspect.signature(function).parameters.values()

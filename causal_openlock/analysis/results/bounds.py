@@ -18,7 +18,9 @@ import pandas as pd
 from causal_openlock.experiment.declare import Experiment, default_action_limit
 from causal_openlock.schemas.schema import Schema
 
-Bounds = Mapping[tuple[str, str, str], float]  #: attempts by condition, protocol and phase
+Bounds = Mapping[
+    tuple[str, str, str], float
+]  #: the ideal observer's, by condition, protocol and phase
 
 
 def ideal_bounds(experiment: Experiment) -> Bounds:
@@ -39,7 +41,7 @@ def ideal_bounds(experiment: Experiment) -> Bounds:
                     continue
                 for schema in schemas:
                     limit = protocol.action_limit or default_action_limit(schema)
-                    attempts, most = ideal_attempts(schema, limit)
+                    attempts, most = _solved(schema, limit)
                     if attempts is not None and most <= protocol.attempt_limit:
                         found[condition.name, protocol.name, phase] = attempts
     return found
@@ -52,14 +54,19 @@ def bounds_of(bounds: Bounds, table: pd.DataFrame) -> dict[tuple[str, str], floa
     return {(key[0], key[2]): bounds[key] for key in played if key in bounds}
 
 
-@lru_cache(maxsize=256)
-def ideal_attempts(schema: Schema, action_limit: int) -> tuple[float | None, int]:
-    """Mean attempts of the ideal observer, None where it is not computed, and the most it needs.
+def ideal_attempts(schema: Schema, action_limit: int) -> float | None:
+    """Mean attempts that the ideal observer needs, or None if the exact number is not computed.
 
     >>> from causal_openlock import find_schema
     >>> ideal_attempts(find_schema("CC4"), 3)
-    (3.75, 4)
+    3.75
     """
+    return _solved(schema, action_limit)[0]
+
+
+@lru_cache(maxsize=256)
+def _solved(schema: Schema, action_limit: int) -> tuple[float | None, int]:
+    """The mean attempts, and the most that there can be."""
     from causal_openlock.belief.optimal import Optimum
     from causal_openlock.belief.placements import TooLargeError, mixture
 

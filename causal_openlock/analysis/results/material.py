@@ -44,7 +44,7 @@ class Material:
 
     record: pa.Table  #: columns as in :func:`causal_openlock.experiment.record.record_schema`
     experiment: StoredExperiment  #: what was run
-    all_trials: pd.DataFrame  #: its trials, learners in the order of the alphabet
+    all_trials: pd.DataFrame  #: trials of the record, learners in the order of the alphabet
     blocks: pd.DataFrame  #: its attempts of each category by blocks of training
     learners: tuple[str, ...]  #: labels in the order in which they are shown
     references: tuple[Reference, ...]  #: what learners are compared with, and which of them

@@ -5,6 +5,7 @@ All that was said is in the transcripts of results and of their scores; a line a
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextlib import suppress
 from itertools import product
 from pathlib import Path
@@ -80,12 +81,19 @@ def _counted(material: Material) -> pd.DataFrame:
     rows = []
     for store, file in product(map(Store, material.folders), material.experiment.files):
         path, cell = store.transcript(Path(file)), known.get(file.rsplit("_", 2)[0], ())
-        for line in path.read_bytes().splitlines() if cell and path.is_file() else ():
+        if cell and path.is_file():
+            rows += [(*cell[:2], *counts) for counts in _counts(path)]
+    return pd.DataFrame(rows, columns=_COLUMNS)
+
+
+def _counts(path: Path) -> Iterator[tuple[float, ...]]:
+    """What was counted of each subject of a transcript, in the order of the columns."""
+    with path.open("rb") as file:
+        for line in file:
             with suppress(ValidationError):  # what was said
                 said = _Counts.model_validate_json(line)
                 faults = sum(said.faults.values()), said.unanswered, said.unreadable
-                rows.append((*cell[:2], said.answers, *said.tokens, said.latency, *faults))
-    return pd.DataFrame(rows, columns=_COLUMNS)
+                yield (said.answers, *said.tokens, said.latency, *faults)
 
 
 def _letters(material: Material) -> tuple[Table, ...]:

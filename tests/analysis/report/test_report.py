@@ -272,7 +272,7 @@ def test_beliefs_are_shown_only_of_the_same_rooms_and_the_same_version(whole, mo
     assert names(replace(whole, all_trials=whole.trials.assign(seed=8))) is None  # another room
     assert names(changed(versions={"causal-openlock": "1"})) is None
     # Somebody else's package may change its learner, though the version of results stays.
-    monkeypatch.setattr("causal_openlock.contract.registry.is_ours", lambda _: False)
+    monkeypatch.setattr("causal_openlock.analysis.results.traces.is_ours", lambda _: False)
     (bayes,) = (one for one in whole.experiment.learners if one.name == "bayes")
     here, theirs = {"causal-openlock": RESULTS_VERSION}, replace(bayes, recorded=None)
     assert names(changed(versions=here, learners=(theirs,))) == ["belief_bayes"]
