@@ -51,7 +51,7 @@ autodoc_type_aliases = {
 toc_object_entries = False  # modules in the margin, and not every function
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
-napoleon_use_ivar = True  # attributes of a dataclass are described once, in its docstring
+napoleon_use_ivar = True  # attributes in a docstring are described there alone
 
 # -- pages --------------------------------------------------------------------------------------
 html_theme = "furo"

@@ -46,7 +46,7 @@ class Catalogue:
     behaviour: IntArray  #: ``[M]`` which behaviour each has; ascending
     member: IntArray  #: ``[G]`` the structure of each pair; ascending
     kind: IntArray  #: ``[G]`` the class of each pair; C is the free form
-    chance: FloatArray  #: ``[G]`` how likely the class generates the structure, of all on n levers
+    chance: FloatArray  #: ``[G]`` how likely the class is to generate the structure
 
     @cached_property
     def behaviours(self) -> Hypotheses:

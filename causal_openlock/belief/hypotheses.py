@@ -65,7 +65,8 @@ class Strengths:
 
     value: FloatArray  #: ``[G]`` the strengths
     prior: FloatArray  #: ``[G]`` their probabilities
-    chance: FloatArray  #: ``[G, P + 1, 16]`` :func:`at_least` of each strength
+    #: ``[G, P + 1, 16]`` :func:`at_least` of each strength: by pushed causes, by threshold
+    chance: FloatArray
 
     @property
     def typical(self) -> float:

@@ -40,7 +40,7 @@ class Event(NamedTuple):
 def observed(
     step: Step, subject: int, slots: IntArray, found: tuple[int, ...] = ()
 ) -> Event | None:
-    """The event that a subject, who still plays, observed; None if its action could do nothing.
+    """The event that a subject that still plays observed; None if its action could do nothing.
 
     ``slots``, ``[P]``, are those of the positions in its room, ``found`` what it had found before.
     """

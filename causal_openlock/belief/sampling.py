@@ -74,8 +74,8 @@ class Sampler:
         self._gates = weights.cumsum(axis=2)
         self._ladders = weights.reshape(levers + 1, -1).cumsum(axis=1)
         self._sums, self._ways = _orders(weights)
-        self.evidence = float(self._ways[-1] * weights[levers, prior[levers] > 0].sum())
-        self.evidence /= prior_of_all  #: marginal probability of the events in the free form
+        possible = float(self._ways[-1] * weights[levers, prior[levers] > 0].sum())
+        self.evidence = possible / prior_of_all  #: probability of the events in the free form
 
     def draw(self, number: int, generator: np.random.Generator) -> tuple[Structures, IntArray]:
         """Independent structures, none if nothing is possible, and their orders ``[D, n]``."""

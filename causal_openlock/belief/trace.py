@@ -78,7 +78,7 @@ class Moment:
     hypotheses: int  #: how many hypotheses are possible
     structure: Schema  #: the most probable structure, its levers named by position
     probability: float  #: its probability
-    edges: FloatArray  #: ``[P, P + 1]`` probability of each edge between positions or to the door
+    edges: FloatArray  #: ``[P, P + 1]`` probability of each edge from a position to one or the door
 
     @classmethod
     def of(cls, learner: BeliefLearner, entropy_before: float, **action: Any) -> Moment:

@@ -20,7 +20,7 @@ Show = Callable[["RunProgress"], None]  #: called repeatedly with the progress o
 Say = Callable[[str], None]  #: prints a line
 LINE_EVERY = 25.0  #: seconds between two lines
 FIRST_AFTER = 3.0  #: seconds after which a long task first names its step
-AT_ONCE = 0.02  #: seconds within which the next part was done before
+AT_ONCE = 0.02  #: parts that follow within so many seconds were stored before
 STILL = 60.0  #: seconds without a step after which a cell is reported
 MOST_NAMED = 3  #: cells that a line names
 
@@ -74,7 +74,7 @@ def counting(begin: Say, what: str) -> Callable[[int, int], None]:
     Parts at the beginning that take no time were done before. ``begin`` is from
     :func:`shown_steps`; ``what`` follows the numbers: ``parts are scored``.
     """
-    begun, before = -AT_ONCE, 0
+    begun, before = 0.0, 0
 
     def report(done: int, total: int) -> None:
         nonlocal begun, before

@@ -28,7 +28,7 @@ from causal_openlock.world.randomness import generators
 
 
 def searched(spec: LearnerSpec, ranges: Sequence[str] = ()) -> Plan:
-    """Search space of a learner as it is set, or these ranges as on the command line.
+    """Search space of a learner as it is set; ``ranges``, such as ``name=low:high``, replace it.
 
     Raises:
         OpenLockError: If there are none, or they do not fit the learner.
@@ -60,9 +60,10 @@ def parameters_recovered(
 ) -> pd.DataFrame:
     """Simulate subjects with drawn parameters of a learner, and fit its parameters to them.
 
-    The ``space``, from :func:`searched`, is what ``sets`` of them are drawn from and searched, with
-    this number of ``candidates`` for each. Fits are stored in the folder, where the work continues
-    after an interruption.
+    As many ``sets`` of parameters are drawn from the ``space`` of :func:`searched`; for each,
+    subjects are simulated, and as many ``candidates`` are tried to fit them, with a share ``lapse``
+    of actions taken to be random. Fits are stored in the folder, where the work continues after an
+    interruption; ``report`` is called with how many sets are fitted, of how many.
 
     Returns:
         A row for each ``set`` and ``parameter``: the ``true`` value, the ``fitted`` one, and

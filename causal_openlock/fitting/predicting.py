@@ -84,7 +84,7 @@ class FitOfActions:
 
 
 def read_fit(folder: Path, named: Collection[str] = ()) -> FitOfActions:
-    """A fit to actions, from its folder; those of version 0.2 are read as well.
+    """A fit to actions, from the folder of ``fit --to``; those of version 0.2 are read as well.
 
     Learners that are ``named`` may be used whatever they are.
 

@@ -139,7 +139,11 @@ def without_effect(
 
 
 def require_effect(idle: Sequence[Collection[str]], learner: str) -> None:
-    """Raise LearnerError if a parameter is ``idle``, making no difference, in each of some fits."""
+    """Refuse a parameter that makes no difference to any of some fits, each with its ``idle`` ones.
+
+    Raises:
+        LearnerError: If there is one.
+    """
     first, *others = idle or [()]
     for name in first:
         if all(name in names for names in others):

@@ -193,7 +193,8 @@ def fit_all(
 ) -> list[Fitted]:
     """Do all fits of a plan, or those that are missing; finished fits are stored in the folder.
 
-    ``report`` is called with the number of finished fits, and of all.
+    The groups are from :func:`groups_of`; ``report`` is called with the number of finished fits,
+    and of all.
 
     Raises:
         StoreError: If another process fits in the folder, or a stored fit is none.

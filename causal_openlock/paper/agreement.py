@@ -98,6 +98,8 @@ def share_text(shares: FloatArray) -> str:
 def beside_paper(parts: pd.DataFrame, phase: str, conditions: Iterable[str]) -> pd.DataFrame:
     """Compare :func:`~causal_openlock.analysis.topics.learning.shares` with the paper's, by block.
 
+    The ``phase`` is ``train`` or ``test``; rows are in the order of the ``conditions``.
+
     Returns:
         A row for each measure, condition and learner with as many blocks as the paper has, after
         the paper's own: :data:`ROW`, ``block`` and the ``share`` as it is printed. Empty if there

@@ -198,8 +198,13 @@ class Likeness(NamedTuple):
 def likeness(trials: pd.DataFrame, people: Reference, learners: Sequence[str]) -> Likeness | None:
     """Compare learners that played all six conditions as people did, and the published model.
 
+    Args:
+        trials: As :func:`~causal_openlock.analysis.measures.attempts_to_solve` gives them.
+        people: The reference, with the learners that are compared with it.
+        learners: Their labels.
+
     Returns:
-        None if there are none.
+        None if none of them played.
     """
     trials = trials[people.stands(trials)]
     if trials.empty:

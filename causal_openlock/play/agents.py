@@ -52,7 +52,7 @@ class Subject:
     """One subject: its game, in its own words; a name that has been here continues.
 
     Raises:
-        Refused: If no more subjects can join, or it can be no name.
+        Refused: If no more subjects can join, or ``name`` can be no name.
         StoreError: If that cannot be written.
     """
 
@@ -155,7 +155,7 @@ class Subject:
 class Agents:
     """All subjects of a folder, as a server of the protocol.
 
-    Requests are from the subject of the ``name``, or without one from that in each one's path.
+    All requests are from the subject ``name``; without it, the path of each names its subject.
     """
 
     def __init__(self, people: People, name: str = "") -> None:

@@ -32,7 +32,9 @@ OWN = (*DATA, "experiment.json", LOG, RECRUITED, "consent_*.md", ".*")
 def forget_person(
     folder: Path | str, subject: int, condition: str | None = None
 ) -> tuple[list[Path], list[str]]:
-    """Delete all data of one person, by their number in a condition or in the only one.
+    """Delete all data of one person from a results folder of ``play`` or ``import``.
+
+    The person has a number in a condition, whose name may be left out if it is the only one.
 
     Returns:
         The files that were deleted, and the names of all else in the folder.

@@ -1,6 +1,6 @@
 """Serving one folder's games: a thread keeps their record, and uvicorn answers over the web.
 
-The thread flushes the log to the disk and writes the record; over stdio it is all there is.
+The thread flushes the log to the disk and writes the record; agents over stdio need it alone.
 """
 
 from __future__ import annotations

@@ -98,7 +98,7 @@ def play_trial(
 
     The subject acts as in any :class:`~causal_openlock.experiment.session.Session` with
     the same condition, protocol, number, seed and label. Arguments are those of
-    :func:`~causal_openlock.belief.trace.trace_trial`.
+    :func:`~causal_openlock.belief.trace.trace_trial`, but for ``recorded``.
 
     Raises:
         ExperimentError: If there is no such trial, or a schema does not fit the protocol.
@@ -117,7 +117,10 @@ def play_trial(
 def recorded_trial(
     folder: Path | str, learner: str, condition: str, subject: int = 0, trial: int = 1
 ) -> FilmedTrial:
-    """A trial of a recorded subject, by its number in the whole condition, from 1.
+    """A trial of a recorded subject.
+
+    Trials of the whole condition count from 1, subjects from 0; ``learner`` is a label in the
+    experiment.
 
     Raises:
         StoreError: If the folder does not hold it.

@@ -64,7 +64,7 @@ def frame(positions: int, size: int) -> Frame:
 class Shape(NamedTuple):
     """A bar, perhaps turned and rounded; lengths in arm links, y up."""
 
-    x: float  #: of its centre, as y
+    x: float  #: its centre, with ``y``
     y: float
     length: float  #: half of its length
     width: float  #: half of its width

@@ -167,7 +167,11 @@ class Wording:
     def room(
         self, observation: ArrayLike, console: Mapping[str, int], attempt: int, trial: str
     ) -> str:
-        """Text of an observation of a room, and of the console, by name of what it counts."""
+        """Text of an observation of a room, and of the console.
+
+        The console has ``solutions_left``, ``attempts_left`` and ``actions_left``; ``attempt``
+        counts from 1, and ``trial`` is such as ``1 of 5``.
+        """
         bits, many, terms = _bits(observation), len(self.names), self._terms
         lock = terms.locked if bits[-2] else terms.unlocked
         things = "; ".join(

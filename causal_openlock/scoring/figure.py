@@ -27,10 +27,11 @@ def draw_scores(
     choices: Mapping[str, int],
     ax: Any = None,
 ) -> Any:
-    """Draw a panel for each condition, with a line for each learner that predicts; see ``plot``.
+    """Draw a panel for each condition, as :meth:`~causal_openlock.scoring.scores.Scores.plot`.
 
-    Behind the means of ``table`` are the subjects in ``each``. What one that knows nothing needs is
-    drawn where the number of ``choices`` in a condition is known.
+    Behind the means of ``table`` are the subjects in ``each``; ``names`` are the learners in the
+    order of the legend. What a learner that knows nothing needs is drawn where the number of
+    ``choices`` in a condition is known.
     """
     table, each = (one[one["scored"].isin(names)].replace(np.inf, np.nan) for one in (table, each))
     levels = {name: float(np.log2(count)) for name, count in choices.items()}

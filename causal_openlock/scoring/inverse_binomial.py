@@ -203,7 +203,7 @@ def tiled(given: Any, copies: int) -> Any:
 def by_draws(
     part: Recorded, scored: LearnerSpec, draws: int | None, lapse: float, actions: int
 ) -> dict[str, NDArray[Any]]:
-    """``[B, T]`` scores of what subjects did, by asking copies of a learner up to a limit."""
+    """``[B, T]`` scores of what subjects did, by asking copies up to :func:`limit_of_draws`."""
     tally = Tally(part.asked, part.starts.cumsum(axis=1), lapse, actions)
     asked, limit = 0, limit_of_draws(draws, lapse, actions)
     while asked < limit:

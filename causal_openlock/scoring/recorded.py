@@ -157,7 +157,10 @@ def record_digest(record: pa.Table, experiment: Experiment, learners: Collection
 def recorded_subjects(
     record: pa.Table, experiment: Experiment, of: Sequence[str] = ()
 ) -> list[Recorded]:
-    """The subjects of a record, or of some learners, in parts that are played again together.
+    """The subjects of a record, in parts that are played again together.
+
+    A record is as :meth:`~causal_openlock.storage.store.Store.record` gives it; with labels ``of``
+    learners, only their subjects count.
 
     Raises:
         StoreError: If no subject has played, or what is on record cannot be played again.

@@ -65,8 +65,8 @@ def score_part(
             :func:`~causal_openlock.scoring.inverse_binomial.limit_of_draws`; None for predictions.
 
     Returns:
-        What the learner says of its predictions, and before that a row for each action. ``scored``
-        is the learner that predicts; ``learner`` and the rest of
+        A table, and what the learner says of its predictions. The table has a row for each action:
+        ``scored`` is the learner that predicts; ``learner`` and the rest of
         :data:`~causal_openlock.scoring.recorded.GROUP` and ``subject`` say who acted; ``trial``
         (in the whole condition), ``attempt`` and ``action`` when, each from 1; ``action_index``
         what. ``log_probability`` is in nats, with lapses, and its ``standard_error`` 0 where it is

@@ -65,8 +65,9 @@ class MetaRooms:
         self._trial = np.ones(rooms, dtype=np.int64)
         self._trials = np.ones(rooms, dtype=np.int64)
         self._playing = np.ones(rooms, dtype=bool)
-        self.life_over = np.zeros(rooms, dtype=bool)  #: whether a life ended with the last step
-        self.last_solved = np.zeros(rooms, dtype=bool)  #: whether all was found in that room
+        self.life_over = np.zeros(rooms, dtype=bool)  #: ``[B]`` whether a memory's life ended last
+        #: ``[B]`` whether everything was found in the room of the last step
+        self.last_solved = np.zeros(rooms, dtype=bool)
         self._new_trials(np.arange(rooms), self._playing)
         self.view = self._perceive()  #: what is perceived now
 

@@ -61,11 +61,12 @@ class DoubleQ:
                 np.array([rng.uniform(-bound, bound, rows * width_out) for rng in generators])
                 for rows in (width_in, 1)
             ]
-        # [N, P] parameters: of each agent weights and biases, layer by layer.
+        #: ``[N, P]`` parameters: of each agent weights and biases, layer by layer
         self.online: Floats = np.concatenate(drawn, axis=1).astype(precision)
-        self.target = self.online.copy()
+        self.target = self.online.copy()  #: those of the target networks
         self.learning_rate, self.gamma, self.double = learning_rate, gamma, double
-        self.target_period, self.updates = target_period, 0  # gradient steps so far
+        self.target_period = target_period
+        self.updates = 0  #: gradient steps so far
         self._means, self._squares = np.zeros((2, *self.online.shape), precision)
         self.observe(np.zeros((0, sizes[0])))
 

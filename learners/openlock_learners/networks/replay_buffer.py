@@ -53,8 +53,9 @@ class ReplayBuffer:
         self.length: IntArray = np.zeros(subjects, dtype=np.int64)  #: ``[B]`` transitions held
         self._next: IntArray = np.zeros(subjects, dtype=np.int64)
         self._begins: IntArray = np.arange(subjects)[:, None] * capacity
-        # Numbers of the observation before, action, observation after, reward, and ``not_done``.
         # One array takes one call to write or to read; double precision holds all integers here.
+        #: ``[5, B, capacity]`` number of the observation before, action, number of the observation
+        #: after, reward, ``not_done``
         self.rings: FloatArray = np.zeros((5, subjects, capacity))
 
     def add(
