@@ -26,7 +26,7 @@ Exclude = Annotated[
     ),
 ]
 ResultsFolder = Annotated[
-    Path, typer.Argument(help="Folder that compare or play wrote to.", parser=folder_at)
+    Path, typer.Argument(help="Folder that compare or play wrote to.", callback=folder_at)
 ]
 SubjectNumber = Annotated[
     int, typer.Option("--subject", min=0, max=2**31 - 1, help="Number of the subject.")

@@ -37,6 +37,7 @@ from causal_openlock.storage.own_code import stored_code, stored_files
 from causal_openlock.storage.store import Store, StoredExperiment
 from causal_openlock.usercode.session_code import is_of_session
 from causal_openlock.version import RESULTS_VERSION
+from causal_openlock.wording import counted
 from causal_openlock.world.rewards import OwnReward
 
 Contents = dict[str, bytes]
@@ -72,7 +73,7 @@ def write_bundle(store: Store, path: Path | str, licence: str = "") -> list[str]
     cells, missing = store.files()
     if missing:
         raise StoreError(
-            f"{store.folder} is unfinished, {len(missing)} of its cells are missing; run compare "
+            f"{store.folder} is unfinished, {counted(len(missing), 'cell')} missing; run compare "
             "again to complete it, then bundle it"
         )
     if unwritten := store.unwritten():

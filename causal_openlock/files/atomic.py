@@ -72,7 +72,7 @@ def replacing(path: Path | str) -> Iterator[BinaryIO]:
     StoreError if the folder cannot be written to or the disk is full; the old file stays.
     """
     path = Path(path)
-    partial = path.with_name(f".{path.name[:100]}.{uuid4().hex}.partial")
+    partial = path.parent / f".{path.name[:100]}.{uuid4().hex}.partial"
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with partial.open("xb") as file:

@@ -58,6 +58,8 @@ class Subject:
 
     def __init__(self, people: People, name: str) -> None:
         fault = fault_of(name) if name.strip() else "is missing"
+        if "/" in name:
+            fault = "has a slash, and is one part of a path over HTTP"
         if fault:
             raise Refused(400, "", f"the name of a subject {fault}")
         self._people = people

@@ -226,7 +226,7 @@ def test_files_that_parameters_name_are_stored_and_run_again(tmp_path, monkeypat
 
 def test_what_is_unfinished_is_not_bundled(made):
     next((made / "out" / "cells").glob("*.parquet")).unlink()
-    with pytest.raises(StoreError, match="unfinished, 1 of its cells"):
+    with pytest.raises(StoreError, match="unfinished, 1 cell missing"):
         write_bundle(Store(made / "out"), made / "other.zip")
 
 

@@ -180,7 +180,7 @@ def test_what_was_shown_is_told_again_and_a_question_outlives_the_server(tmp_pat
     assert "explain" in first[1]
 
 
-@pytest.mark.parametrize("name", ["", " ", "x" * 400, "{name}", "'=1", "a\nb"])
+@pytest.mark.parametrize("name", ["", " ", "x" * 400, "{name}", "'=1", "a\nb", "a/b"])
 def test_names_that_can_be_none_are_refused(tmp_path, name):
     home = people(tmp_path, **options_of("mine", 0, False))
     with pytest.raises(Refused, match="the name of a subject"):
