@@ -13,6 +13,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -102,8 +103,13 @@ class Reference:
 
 def references_of(experiment: Experiment) -> tuple[Reference, ...]:
     """Return the registered references, with the learners of an experiment that each suits."""
-    known = [loaded(entry)() for entry in registered(REFERENCES).values()]
+    known = _made(tuple(registered(REFERENCES).values()))
     return tuple(one.within(experiment) for one in known)
+
+
+@lru_cache(maxsize=4)  # once a process, however many results are opened
+def _made(entries: tuple[Any, ...]) -> tuple[Reference, ...]:
+    return tuple(loaded(entry)() for entry in entries)
 
 
 def gap_column(name: str) -> str:
