@@ -20,7 +20,7 @@ Show = Callable[["RunProgress"], None]  #: called repeatedly with the progress o
 Say = Callable[[str], None]  #: prints a line
 LINE_EVERY = 25.0  #: seconds between two lines
 FIRST_AFTER = 3.0  #: seconds after which a long task first names its step
-AT_ONCE = 0.02  #: parts that follow within so many seconds were stored before
+AT_ONCE = 0.02  #: seconds; parts that follow each other faster were stored by an earlier run
 STILL = 60.0  #: seconds without a step after which a cell is reported
 MOST_NAMED = 3  #: cells that a line names
 

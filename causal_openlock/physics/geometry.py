@@ -79,9 +79,8 @@ class RoomGeometry:
     tracks: tuple[Track, ...]  #: at each position
     link: float  #: length of each of the arm's links
     half_width: float  #: half the width of a link, whose ends are round
-    rest: tuple[
-        float, ...
-    ]  #: joint angles in which the arm begins, each relative to the one before
+    #: joint angles in which the arm begins, each relative to the one before
+    rest: tuple[float, ...]
     #: how far the arm's end is from its base while it swings round, clear of all levers
     ready: float
     hinge: Point  #: the door's hinge, its upper end

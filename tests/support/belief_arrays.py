@@ -63,7 +63,7 @@ def rules_in(hypotheses: Hypotheses, index: int, strength: float = 1.0) -> Rules
 
 
 def hypothesis_of(key: Key, slots: Sequence[int], positions: int, strength: int = 0) -> Hypotheses:
-    """A structure as arrays, whose levers stand in these slots of so many; others never move."""
+    """A structure as arrays: its levers stand in ``slots``; the others of a room never move."""
     rules = structure(*key)
     causes = np.zeros((1, positions + 1), dtype=np.uint16)
     needed = np.full((1, positions + 1), NEVER, dtype=np.uint8)

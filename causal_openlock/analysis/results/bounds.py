@@ -18,9 +18,8 @@ import pandas as pd
 from causal_openlock.experiment.declare import Experiment, default_action_limit
 from causal_openlock.schemas.schema import Schema
 
-Bounds = Mapping[
-    tuple[str, str, str], float
-]  #: the ideal observer's, by condition, protocol and phase
+Bounds = Mapping[tuple[str, str, str], float]
+"""The ideal observer's mean attempts, by condition, protocol and phase."""
 
 
 def ideal_bounds(experiment: Experiment) -> Bounds:
