@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from causal_openlock.belief.structures import Structures
+from causal_openlock.belief.structures import Structures, renamed
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 
 MAX_ROLES = 4
@@ -147,16 +147,8 @@ def _is_canonical(kind: SchemaClass) -> bool:
 @cache
 def _renamings(roles: int) -> list[tuple[tuple[int, ...], list[int]]]:
     """Every order of the roles, and each set of roles as a bit mask in that order."""
-    return [
-        (
-            order,
-            [
-                sum(1 << new for new, old in enumerate(order) if mask >> old & 1)
-                for mask in range(1 << roles)
-            ],
-        )
-        for order in permutations(range(roles))
-    ]
+    sets, orders = np.arange(1 << roles, dtype=np.uint16), permutations(range(roles))
+    return [(order, renamed(sets, np.argsort(order)).tolist()) for order in orders]
 
 
 def class_prior(simplicity: float, free_form: float) -> FloatArray:
