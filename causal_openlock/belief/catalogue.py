@@ -120,11 +120,7 @@ def gate_weight(
 
 @lru_cache(maxsize=256)  # a fit tries many values of simplicity
 def catalogue(
-    levers: int,
-    solutions: int,
-    action_limit: int,
-    uncertain: bool,
-    simplicity: float,
+    levers: int, solutions: int, action_limit: int, uncertain: bool, simplicity: float
 ) -> Catalogue:
     """The catalogue for what a subject perceives of a room.
 

@@ -134,10 +134,7 @@ class Model:
         return graph
 
     def expected_unlocked(
-        self,
-        pushed: Iterable[str] = (),
-        pulled: Iterable[str] = (),
-        push_probability: float = 0.0,
+        self, pushed: Iterable[str] = (), pulled: Iterable[str] = (), push_probability: float = 0.0
     ) -> float:
         """P(door unlocked | do), averaged over the posterior; see the head of this module.
 

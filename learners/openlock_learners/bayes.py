@@ -34,13 +34,7 @@ from causal_openlock.belief.beliefs import Belief, Beliefs
 from causal_openlock.belief.hypotheses import Space
 from causal_openlock.belief.intentions import Intentions, Plan, drawn_solutions
 from causal_openlock.belief.knowledge import BeliefParameters
-from causal_openlock.belief.planning import (
-    TIE,
-    Objective,
-    Planner,
-    Situation,
-    thinned,
-)
+from causal_openlock.belief.planning import TIE, Objective, Planner, Situation, thinned
 from causal_openlock.contract.learner import Brief, Step, View
 from causal_openlock.contract.parameters import Count, Share
 from causal_openlock.schemas.fsm import FloatArray

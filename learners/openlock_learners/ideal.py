@@ -26,12 +26,7 @@ from causal_openlock.belief.hypotheses import RoomSight, Space, Strengths, at_le
 from causal_openlock.belief.likelihoods import observed
 from causal_openlock.belief.marginals import expected_structure
 from causal_openlock.belief.optimal import Optimum, Point, bits
-from causal_openlock.belief.placements import (
-    TABLE_LIMIT,
-    TooLargeError,
-    placements,
-    ways_to_place,
-)
+from causal_openlock.belief.placements import TABLE_LIMIT, TooLargeError, placements, ways_to_place
 from causal_openlock.belief.planning import TIE, Objective, Planner, Situation, thinned
 from causal_openlock.contract.learner import Brief, InformedLearner, Step, Structure, Truth, View
 from causal_openlock.errors import LearnerError
