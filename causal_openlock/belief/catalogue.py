@@ -59,12 +59,14 @@ class Catalogue:
 
     def prior(self, classes: FloatArray) -> FloatArray:
         """``[U]`` probability of each behaviour, given ``[C + 1]`` that of each class."""
+        possible = classes * feasible(self.members.levers)
+        pairs = (possible / possible.sum())[self.kind] * self.chance
         starts = np.searchsorted(self.behaviour[self.member], np.arange(len(self)))
-        return np.add.reduceat(classes[self.kind] * self.chance, starts)
+        return np.add.reduceat(pairs, starts)
 
     def pairs_given_behaviour(self, classes: FloatArray) -> FloatArray:
         """``[G]`` probability of structure and class, given the behaviour; for one subject."""
-        pairs = classes[self.kind] * self.chance
+        pairs = (classes * feasible(self.members.levers))[self.kind] * self.chance
         groups = self.behaviour[self.member]
         total = np.bincount(groups, pairs, minlength=len(self))
         return np.divide(pairs, total[groups], out=np.zeros_like(pairs), where=pairs > 0)
@@ -74,7 +76,7 @@ class Catalogue:
 
         ``before``, ``[C + 1]``, is the probability of the classes without the room.
         """
-        pairs = self.pairs_given_behaviour(before * feasible(self.members.levers))
+        pairs = self.pairs_given_behaviour(before)
         pairs *= behaviours[self.behaviour[self.member]]
         return np.bincount(self.kind, pairs, minlength=len(before)).astype(float)
 

@@ -32,13 +32,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from causal_openlock.belief.catalogue import (
-    FREE_FORM_LEVERS,
-    HYPOTHESES,
-    Catalogue,
-    catalogue,
-    feasible,
-)
+from causal_openlock.belief.catalogue import FREE_FORM_LEVERS, HYPOTHESES, Catalogue, catalogue
 from causal_openlock.belief.structures import NEVER, Hypotheses, Masks, gate_dags
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.schemas.schema import MAX_LEVERS
@@ -171,14 +165,11 @@ class Space:
         ``[C + 1]`` schema classes, ``[3]`` rules, ``[G]`` strengths, and ``[P]`` that the lever in
         each slot is active, under the rule by position.
         """
-        behaviours: dict[int, FloatArray] = {}
-        parts = []
-        for (slots, listed), marked in zip(self.blocks, self.marked(in_slots) @ rules, strict=True):
-            if id(listed) not in behaviours:
-                possible = classes * feasible(len(slots))
-                behaviours[id(listed)] = listed.prior(possible / possible.sum())
-            parts.append(np.outer(behaviours[id(listed)] * marked, strengths).ravel())
-        return np.concatenate(parts)
+        priors = {own: own.prior(classes) for own in {own for _, own in self.blocks}}
+        parts = zip(self.blocks, self.marked(in_slots) @ rules, strict=True)
+        return np.concatenate(
+            [np.outer(priors[listed] * marked, strengths).ravel() for (_, listed), marked in parts]
+        )
 
 
 def enumerate_space(sight: RoomSight, strengths: Strengths, simplicity: float) -> Space:

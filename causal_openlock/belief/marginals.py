@@ -29,7 +29,6 @@ import networkx as nx
 import numpy as np
 
 from causal_openlock.belief.beliefs import Belief
-from causal_openlock.belief.catalogue import feasible
 from causal_openlock.belief.hypotheses import Strengths
 from causal_openlock.belief.structure_schemas import schema_of
 from causal_openlock.belief.structures import NEVER, Structures
@@ -65,7 +64,7 @@ class Posterior:
         parts = np.split(weight, space.ends[:-1])
         for (slots, own), part in zip(space.blocks, parts, strict=True):
             if part.any():
-                pairs = own.pairs_given_behaviour(classes * feasible(own.members.levers))
+                pairs = own.pairs_given_behaviour(classes)
                 share = np.bincount(own.member, pairs, minlength=len(own.members))
                 chance = share[:, None] * part.reshape(-1, len(space.strengths))[own.behaviour]
                 possible = np.flatnonzero(chance.any(axis=1))

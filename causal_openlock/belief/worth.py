@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from causal_openlock.belief.catalogue import FREE_FORM_LEVERS, Catalogue, catalogue, feasible
+from causal_openlock.belief.catalogue import FREE_FORM_LEVERS, Catalogue, catalogue
 from causal_openlock.belief.hypotheses import strengths
 from causal_openlock.belief.knowledge import BeliefParameters, Knowledge
 from causal_openlock.belief.optimal import Optimum
@@ -256,8 +256,7 @@ def listed_schemas(
     kinds, first, place = np.unique(kind[1:], return_index=True, return_inverse=True)
     chance: FloatArray = np.full(len(kinds), 1.0 / len(kinds))
     if known_rooms is not None:
-        classes = _classes(known_rooms) * feasible(len(schema.levers))
-        weight = every.prior(classes / classes.sum())
+        weight = every.prior(_classes(known_rooms))
         chance = np.bincount(place, weight / weight.sum()).astype(float)
     names = [f"L{lever}" for lever in range(len(schema.levers))]
     found = [
