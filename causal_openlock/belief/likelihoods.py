@@ -90,7 +90,7 @@ def likelihood(
 
 
 def completes(
-    hypotheses: Hypotheses, which: IntArray, pushed: int, found: tuple[int, ...]
+    hypotheses: Hypotheses, which: IntArray | slice, pushed: int, found: tuple[int, ...]
 ) -> BoolArray:
     """``[E]`` whether opening the door with these levers pushed completes a new solution."""
     relevant = ~hypotheses.inert[which]

@@ -27,7 +27,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from causal_openlock.belief.likelihoods import completes
 from causal_openlock.belief.placements import TooLargeError
+from causal_openlock.belief.planning import achievable
 from causal_openlock.belief.structures import Hypotheses
 from causal_openlock.schemas.fsm import BoolArray, FloatArray
 
@@ -278,25 +280,14 @@ class Optimum:
         live = np.bitwise_count(self._own.causes[:, node] & np.uint16(pushed))
         return bits(live >= self._own.threshold[:, node])
 
-    def _to_find(self, found: tuple[int, ...]) -> BoolArray:
-        """``[H, K]`` which solutions are not found yet."""
-        sets = np.array(found, dtype=np.uint16)
-        relevant = sets[:, None] & ~self._own.inert  # [F, H]
-        return ~(self._own.solutions[None] == relevant[:, :, None]).any(axis=0)
-
     def _finding(self, pushed: int, found: tuple[int, ...]) -> int:
         """The hypotheses under which opening the door completes a new solution."""
-        done = (np.uint16(pushed) & ~self._own.inert)[:, None]
-        new = (self._own.solutions == done) & self._to_find(found)
-        return bits(new.any(axis=1))
+        return bits(completes(self._own, slice(None), pushed, found))
 
     def _reaching(self, pushed: int, left: int, found: tuple[int, ...]) -> int:
         """The hypotheses under which ``left`` actions may still complete a new solution."""
-        stands = (np.uint16(pushed) & ~self._own.inert)[:, None]
-        missing = np.bitwise_count(self._own.solutions ^ stands) + 1 <= left
-        if not self._pulls:
-            missing &= self._own.solutions & stands == stands
-        return bits(np.logical_or.reduce(missing & self._to_find(found), axis=1))
+        able = achievable(self._own, pushed, left, found, self._pulls)
+        return bits(np.asarray(able.any(axis=1)))
 
 
 class Names:

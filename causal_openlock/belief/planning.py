@@ -185,15 +185,19 @@ class Planner:
         return gain
 
 
-def achievable(hypotheses: Hypotheses, pushed: int, left: int, found: Sequence[int]) -> BoolArray:
+def achievable(
+    hypotheses: Hypotheses, pushed: int, left: int, found: Sequence[int], pulls: bool = False
+) -> BoolArray:
     """``[h, k]`` which solutions are new and can still be completed in the attempt.
 
     ``left`` counts the push of the door; ``found`` is what was pushed when solutions were found.
+    Levers that stand pushed can be pulled back only with ``pulls``.
     """
-    relevant = ~hypotheses.inert[:, None]
-    solutions, mask = hypotheses.solutions, np.uint16(pushed)
-    able: BoolArray = mask & relevant & ~solutions == 0
-    able &= np.bitwise_count(solutions & ~mask) < left
+    relevant, solutions = ~hypotheses.inert[:, None], hypotheses.solutions
+    stands = np.uint16(pushed) & relevant
+    able: BoolArray = np.bitwise_count(solutions ^ stands) < left
+    if not pulls:
+        able &= stands & ~solutions == 0
     for done in found:
         able &= np.uint16(done) & relevant != solutions
     return able
