@@ -69,7 +69,7 @@ class BeliefLearner(Learner):
 
     def model(self, subject: int) -> Model:
         """A subject's belief as objects of pgmpy."""
-        return model_of(self.belief(subject), self.classes(subject))
+        return model_of(self.posterior(subject))
 
     def gains(self, subject: int, view: View) -> FloatArray:
         """``[2P + 1]`` expected information gain of each action alone, in bits; 0 for any pull.

@@ -96,6 +96,23 @@ class Posterior:
         structure = self.structures[best : best + 1]
         return schema_of(structure, names, strength), float(alike.max())
 
+    def unlocked(self, do: Mapping[int, int], push_probability: float) -> float:
+        """P(door unlocked | do), given the states of the levers that are set."""
+        threshold, total = self.structures.threshold, 0.0
+        can_move = np.flatnonzero((threshold[:, :-1] < NEVER).any(axis=0))
+        unset = [lever for lever in can_move.tolist() if lever not in do]
+        for states in product((0, 1), repeat=len(unset) if push_probability > 0 else 0):
+            state = {**do, **dict(zip(unset, states, strict=False))}
+            pushed = np.uint16(sum(up << lever for lever, up in state.items()))
+            live = np.bitwise_count(self.structures.causes & pushed)
+            likely = np.where(live[:, -1] >= threshold[:, -1], 1.0, 0.0)[:, None]
+            for lever, up in zip(unset, states, strict=False):
+                works = self.strengths.chance[:, live[:, lever], threshold[:, lever]].T
+                moves = push_probability * works
+                likely = likely * (moves if up else 1.0 - moves)
+            total += float((self.chance * likely).sum())
+        return total
+
 
 def expected_structure(structures: Structures, probability: FloatArray) -> Structure:
     """Probabilities of edges and gates, of M structures with ``[M]`` these probabilities."""
@@ -156,35 +173,16 @@ class Model:
                 f"push_probability is {push_probability}; give a number from 0 to 1"
             )
         do = {names.index(name): int(name in up) for name in up | down}
-        total = unlocked(self.posterior, do, push_probability)
-        return min(total, 1.0)  # rounding may end just above 1
+        # Rounding may end just above 1.
+        return min(self.posterior.unlocked(do, push_probability), 1.0)
 
 
-def unlocked(posterior: Posterior, do: Mapping[int, int], push_probability: float) -> float:
-    """P(unlocked | do), given the states of the levers that are set."""
-    structures, strengths = posterior.structures, posterior.strengths
-    threshold, total = structures.threshold, 0.0
-    can_move = np.flatnonzero((threshold[:, :-1] < NEVER).any(axis=0))
-    unset = [lever for lever in can_move.tolist() if lever not in do]
-    for states in product((0, 1), repeat=len(unset) if push_probability > 0 else 0):
-        state = {**do, **dict(zip(unset, states, strict=False))}
-        pushed = np.uint16(sum(up << lever for lever, up in state.items()))
-        live = np.bitwise_count(structures.causes & pushed)
-        likely = np.where(live[:, -1] >= threshold[:, -1], 1.0, 0.0)[:, None]
-        for lever, up in zip(unset, states, strict=False):
-            moves = push_probability * strengths.chance[:, live[:, lever], threshold[:, lever]].T
-            likely = likely * (moves if up else 1.0 - moves)
-        total += float((posterior.chance * likely).sum())
-    return total
-
-
-def model_of(belief: Belief, classes: FloatArray) -> Model:
-    """A belief as objects of pgmpy, given the probability of each schema class."""
+def model_of(posterior: Posterior) -> Model:
+    """A posterior as objects of pgmpy."""
     import pandas as pd
 
-    posterior = Posterior.of(belief, classes)
     schema, probability = posterior.most_probable()
-    names = position_names(belief.space.sight.positions)
+    names = position_names(posterior.structures.levers)
     edges = pd.DataFrame(
         posterior.expected().edges,
         index=pd.Index(names, name="cause"),

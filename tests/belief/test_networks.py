@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from causal_openlock.belief.grammar import class_prior
 from causal_openlock.belief.hypotheses import Strengths, at_least, strengths
-from causal_openlock.belief.marginals import Posterior, model_of, unlocked
+from causal_openlock.belief.marginals import Posterior, model_of
 from causal_openlock.belief.structure_schemas import structure_of
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.schema import DOOR, Schema
@@ -65,8 +65,7 @@ def test_interventions_on_any_lock(data, schema, strength, push):
     how = Strengths(np.array([1.0, strength]), np.array([0.0, 1.0]), chance)
     states = {schema.levers.index(lever): int(state) for lever, state in do.items()}
     posterior = Posterior(structure_of(schema), np.zeros(1, int), how, np.array([[0.0, 1.0]]))
-    told = unlocked(posterior, states, push)
-    assert told == pytest.approx(expected, abs=1e-9)
+    assert posterior.unlocked(states, push) == pytest.approx(expected, abs=1e-9)
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.4])
@@ -93,9 +92,8 @@ def test_edges_and_models_are_averages_over_all_structures(noise):
     script = iter([l1, l2, l0, l0, l1, 14, white, l0, l2])
     played._action = lambda view, row: next(script)
     for _ in played.moments(9):
-        belief = played.belief()
-        classes = played.beliefs.knowledge.classes(0)
-        model = model_of(belief, classes)
+        posterior = Posterior.of(played.belief(), played.beliefs.knowledge.classes(0))
+        model = model_of(posterior)
         held = normalised({r: p * likelihood(r, played.happened[0]) for r, (_, p) in rooms.items()})
         expected, structures = np.zeros((7, 8)), Counter()
         for rules, probability in held.items():
@@ -103,7 +101,7 @@ def test_edges_and_models_are_averages_over_all_structures(noise):
             for node, causes in rules.causes.items():
                 for cause in causes:
                     expected[cause, 7 if node == DOOR else node] += probability
-        edges = Posterior.of(belief, classes).expected().edges
+        edges = posterior.expected().edges
         np.testing.assert_allclose(edges, expected, rtol=0, atol=1e-10)
         np.testing.assert_array_equal(model.edges.to_numpy(), edges)
         assert model.probability >= max(structures.values()) - 1e-10  # with all that act alike
