@@ -27,7 +27,6 @@ from typing import Annotated, Any, Literal
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from pydantic import Field
 
 from causal_openlock.belief.belief_learner import BeliefLearner
 from causal_openlock.belief.beliefs import Belief, Beliefs
@@ -36,7 +35,7 @@ from causal_openlock.belief.intentions import Intentions, Plan, drawn_solutions
 from causal_openlock.belief.knowledge import BeliefParameters
 from causal_openlock.belief.planning import TIE, Objective, Planner, Situation, thinned
 from causal_openlock.contract.learner import Brief, Step, View
-from causal_openlock.contract.parameters import Count, Share
+from causal_openlock.contract.parameters import Count, NotNegative, Share
 from causal_openlock.schemas.fsm import FloatArray
 
 Policy = Literal[
@@ -53,11 +52,11 @@ class BayesParameters(BeliefParameters):
     """Prior, policy, and bounds of rationality."""
 
     policy: Annotated[Policy, "how it picks actions"] = "solve_and_learn"
-    beta: Annotated[float, Field(ge=0), "worth of a new solution, in bits of information"] = 3.0
+    beta: Annotated[NotNegative, "worth of a new solution, in bits of information"] = 3.0
     planned: Annotated[Count, "most hypotheses that a plan takes into account"] = 4000
-    temperature: Annotated[
-        float, Field(ge=0), "softmax noise of decisions, in bits; 0 takes the best"
-    ] = 0.0
+    temperature: Annotated[NotNegative, "softmax noise of decisions, in bits; 0 takes the best"] = (
+        0.0
+    )
     lapse: Annotated[Share, "share of actions that are random"] = 0.0
 
 

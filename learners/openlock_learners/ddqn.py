@@ -18,10 +18,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
-from pydantic import Field
 
 from causal_openlock.contract.learner import Brief, Learner, Observations, Step, View
-from causal_openlock.contract.parameters import Count, Share
+from causal_openlock.contract.parameters import Count, Positive, Share
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.world.randomness import Streams
 from openlock_learners.exploration import Exploration, ExplorationParameters
@@ -38,7 +37,7 @@ class DDQNParameters(ExplorationParameters):
     """Hyper-parameters; the defaults are the paper's, or documented choices where it is silent."""
 
     gamma: Annotated[Share, "discount factor (paper: .8)"] = 0.8
-    learning_rate: Annotated[float, Field(gt=0), "of Adam (paper: .001)"] = 0.001
+    learning_rate: Annotated[Positive, "of Adam (paper: .001)"] = 0.001
     epsilon_decays_with: Annotated[
         Literal["action", "attempt", "trial"], "what it shrinks with every (paper: not given)"
     ] = "action"

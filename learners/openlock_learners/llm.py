@@ -28,10 +28,9 @@ from string import ascii_uppercase
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field
 
 from causal_openlock.contract.learner import Account, Brief, Learner, Step, View
-from causal_openlock.contract.parameters import Count, Positive
+from causal_openlock.contract.parameters import Count, NotNegative, Positive, Whole
 from causal_openlock.errors import LearnerError, NotAvailableError
 from causal_openlock.render.words import ANY, StoryName, Wording, feedback, room_now
 from causal_openlock.schemas.fsm import FloatArray, IntArray
@@ -57,7 +56,6 @@ OURS = ("model", "messages", "tools", "stream", "n", "temperature")
 RULES, TURN = 1000, 80
 """Tokens of the rules, and of an answer with what it led to, as measured."""
 ADDRESS = r"https?://[^/?#@\s]+(/[^?#]*)?(\?api-version=[^&#]*)?"
-NotNegative = Annotated[int, Field(ge=0)]
 _LONG = 6000
 """Characters of a conversation from which on a cut is looked for: about 1,500 tokens."""
 
@@ -69,9 +67,7 @@ class LanguageModelParameters:
     model: Annotated[str, "the model's name, as its server knows it"] = ""
     base_url: Annotated[str, "address of the server"] = "https://api.openai.com/v1"
     story: Annotated[StoryName, "levers, switches, symbols; any draws one for each subject"] = ANY
-    temperature: Annotated[
-        Annotated[float, Field(ge=0)] | None, "of sampling; null leaves it to the server"
-    ] = 1.0
+    temperature: Annotated[NotNegative | None, "of sampling; null leaves it to the server"] = 1.0
     settings: Annotated[
         dict[str, Any], "sent with every request as they are, such as {max_tokens: 300}"
     ] = field(default_factory=dict)
@@ -79,12 +75,12 @@ class LanguageModelParameters:
     recent: Annotated[Count | None, "most answers that the model is reminded of; null for all"] = (
         None
     )
-    ask_again: Annotated[NotNegative, "how often, after an answer that is not an action"] = 2
-    unanswered: Annotated[NotNegative, "most actions without an answer, in a condition"] = 30
+    ask_again: Annotated[Whole, "how often, after an answer that is not an action"] = 2
+    unanswered: Annotated[Whole, "most actions without an answer, in a condition"] = 30
     ask_structure: Annotated[bool, "whether it is asked which lever enables which"] = False
     requests: Annotated[Count, "made at the same time, in each process"] = 8
     seconds: Annotated[Positive, "how long a request may wait for the server"] = 120.0
-    retries: Annotated[NotNegative, "after 429, 5xx, stalls and cut connections"] = 5
+    retries: Annotated[Whole, "after 429, 5xx, stalls and cut connections"] = 5
 
     def __post_init__(self) -> None:
         for name in OURS:

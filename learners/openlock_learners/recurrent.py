@@ -18,10 +18,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
-from pydantic import Field
 
 from causal_openlock.contract.learner import Brief, Learner, Step, View
-from causal_openlock.contract.parameters import Count, Share
+from causal_openlock.contract.parameters import Count, Positive, Share, Whole
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.world.randomness import Streams
 from openlock_learners.exploration import Exploration, ExplorationParameters
@@ -46,15 +45,13 @@ class RecurrentParameters(ExplorationParameters):
         Literal["trial", "condition"],
         "what the memory lasts for: each trial by itself, or the whole condition",
     ] = "trial"
-    burn_in: Annotated[
-        int, Field(ge=0), "steps that bring a sequence's state up to date: five attempts"
-    ] = 15
+    burn_in: Annotated[Whole, "steps that bring a sequence's state up to date: five attempts"] = 15
     unroll: Annotated[Count, "steps of a sequence that are learned from: ten attempts"] = 30
     batch_size: Annotated[Count, "sequences in a gradient step"] = 8
     train_period: Annotated[Count, "actions between gradient steps"] = 4
     replay_size: Annotated[Count, "steps remembered for training"] = 2000
     gamma: Annotated[Share, "discount factor"] = 0.8
-    learning_rate: Annotated[float, Field(gt=0), "of Adam"] = 0.001
+    learning_rate: Annotated[Positive, "of Adam"] = 0.001
     target_period: Annotated[
         Count | None,
         "gradient steps between updates of the target network (by default as many actions as the "

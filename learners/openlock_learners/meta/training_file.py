@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from causal_openlock.contract.parameters import Count, Share
+from causal_openlock.contract.parameters import Count, NotNegative, Positive, Share, Whole
 from causal_openlock.errors import ExperimentError
 from causal_openlock.files.validation import StrictModel
 from causal_openlock.files.yaml_file import read_document
@@ -16,17 +16,13 @@ from causal_openlock.schemas.schema import Schema
 from openlock_learners.meta.random_schemas import random_schemas
 from openlock_learners.networks.recurrent_policy import Sizes
 
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
-Seed = Annotated[int, Field(ge=0)]
-
 
 class RandomSchemas(StrictModel):
     """Random schemas: any acyclic graph of levers and a door, with gates."""
 
     number: Count
     levers: Annotated[list[Annotated[int, Field(ge=2, le=7)]], Field(min_length=1)]
-    seed: Seed | None = None  # by default that of the training
+    seed: Whole | None = None  # by default that of the training
     weight: Positive = 1.0  # of all of them together
 
 
@@ -49,7 +45,7 @@ class RoomsFile(StrictModel):
 class TrainingFile(StrictModel):
     """A meta-training."""
 
-    seed: Seed = 0
+    seed: Whole = 0
     rooms: RoomsFile
     action_cost: NotNegative = 0.02  # a new solution earns 1
     at_once: Count = 512  # rooms

@@ -10,13 +10,13 @@ from __future__ import annotations
 import json
 from io import BytesIO
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 import torch
-from pydantic import Field
 from torch import Tensor
 
+from causal_openlock.contract.parameters import Whole
 from causal_openlock.errors import LearnerError, in_short
 from causal_openlock.files.atomic import replacing
 from causal_openlock.files.validation import StrictModel
@@ -37,7 +37,7 @@ class About(StrictModel, extra="ignore"):
 
     format: Literal[1]
     sizes: Sizes
-    actions: Annotated[int, Field(ge=0)] = 0
+    actions: Whole = 0
 
 
 def write_network(path: Path | str, network: LeverPolicy, about: dict[str, Any]) -> None:
