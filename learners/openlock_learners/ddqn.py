@@ -25,7 +25,7 @@ from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.world.randomness import Streams
 from openlock_learners.exploration import Exploration, ExplorationParameters
 from openlock_learners.networks.denormals import denormals_flushed
-from openlock_learners.networks.replay_buffer import ObservationTable, ReplayBuffer
+from openlock_learners.networks.replay_buffer import Batch, ObservationTable, ReplayBuffer
 
 if TYPE_CHECKING:
     from openlock_learners.networks.double_q import DoubleQ
@@ -148,14 +148,14 @@ class DDQN(Learner):
             after = self._network_input(step.outcome, found + step.new_solution)
             done = step.attempt_over
         known = len(self._table.rows)
-        self._replay.add(
-            who,
-            self._table.number(before[who]),
-            step.action[who],
-            step.reward[who],
-            self._table.number(after[who]),
-            ~done[who],
+        transition = Batch(
+            before=self._table.number(before[who]),
+            action=step.action[who],
+            reward=step.reward[who],
+            after=self._table.number(after[who]),
+            not_done=~done[who],
         )
+        self._replay.add(who, transition)
         if len(self._table.rows) > known:
             self.q.observe(self._table.rows)
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from causal_openlock.contract.learner import Observations
-from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
+from causal_openlock.schemas.fsm import FloatArray, IntArray
 
 
 class ObservationTable:
@@ -36,7 +36,7 @@ class ObservationTable:
 
 
 class Batch(NamedTuple):
-    """A minibatch of M transitions for each of N agents; every part is ``[N, M]``."""
+    """Transitions: a minibatch of M for each of N agents, every part ``[N, M]``, or one of each."""
 
     before: IntArray  # number of the observation that the action was taken in
     action: IntArray
@@ -54,22 +54,13 @@ class ReplayBuffer:
         self._next: IntArray = np.zeros(subjects, dtype=np.int64)
         self._begins: IntArray = np.arange(subjects)[:, None] * capacity
         # One array takes one call to write or to read; double precision holds all integers here.
-        #: ``[5, B, capacity]`` number of the observation before, action, number of the observation
-        #: after, reward, ``not_done``
+        #: ``[5, B, capacity]`` the parts of the transitions
         self.rings: FloatArray = np.zeros((5, subjects, capacity))
 
-    def add(
-        self,
-        who: IntArray,
-        before: IntArray,
-        action: IntArray,
-        reward: FloatArray,
-        after: IntArray,
-        not_done: BoolArray,
-    ) -> None:
-        """Add a transition for each of the subjects ``who``."""
+    def add(self, who: IntArray, transition: Batch) -> None:
+        """Add a transition, with parts of ``[n]``, for each of n subjects ``who``."""
         slot = self._next[who]
-        self.rings[:, who, slot] = before, action, after, reward, not_done
+        self.rings[:, who, slot] = transition
         self._next[who] = (slot + 1) % self.capacity
         self.length[who] = np.minimum(self.length[who] + 1, self.capacity)
 
@@ -80,5 +71,5 @@ class ReplayBuffer:
         """
         slots = (uniform * self.length[:, None]).astype(np.int64)
         held = self.rings.reshape(5, -1).take(slots + self._begins, axis=1)
-        before, action, after = held[:3].astype(np.int64)
-        return Batch(before, action, held[3], after, held[4])
+        before, action, after = held[[0, 1, 3]].astype(np.int64)
+        return Batch(before, action, held[2], after, held[4])

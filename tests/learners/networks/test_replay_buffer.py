@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from openlock_learners.networks.replay_buffer import ObservationTable, ReplayBuffer
+from openlock_learners.networks.replay_buffer import Batch, ObservationTable, ReplayBuffer
 from openlock_learners.networks.sequence_buffer import SequenceBuffer
 
 
@@ -13,7 +13,8 @@ def filled(replay, many):
     who = np.arange(len(replay.length))
     for t in range(many):
         mark = 100 * who + t
-        replay.add(who, mark, mark, mark.astype(float), mark, np.full(len(who), t % 2 == 0))
+        even = np.full(len(who), t % 2 == 0)
+        replay.add(who, Batch(mark, mark, mark.astype(float), mark, even))
     return replay
 
 
@@ -21,7 +22,7 @@ def test_a_full_ring_overwrites_its_oldest_transition():
     assert filled(ReplayBuffer(2, 5), many=3).length.tolist() == [3, 3]
     replay = filled(ReplayBuffer(2, 5), many=12)
     assert replay.length.tolist() == [5, 5]
-    before, action, after, reward, not_done = replay.rings
+    before, action, reward, after, not_done = replay.rings
     assert sorted(before[1].tolist()) == [107, 108, 109, 110, 111]
     for column in (action, reward, after):
         assert np.array_equal(column, before)
