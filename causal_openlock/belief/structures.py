@@ -48,7 +48,6 @@ class Rows:
     def joined(cls, parts: Sequence[Self]) -> Self:
         """The elements of several; empty parts may have other columns."""
         parts = [part for part in parts if len(part)] or parts[:1]
-
         names = cls.__dataclass_fields__
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
