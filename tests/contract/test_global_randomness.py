@@ -58,12 +58,7 @@ def played(learner):
 
 @pytest.mark.parametrize(
     ("kind", "generators"),
-    [
-        (Tidy, []),
-        (Draws, ["numpy.random"]),
-        (DrawsForOne, ["random"]),
-        (DrawsWithTorch, ["torch"]),
-    ],
+    [(Tidy, []), (Draws, ["numpy.random"]), (DrawsForOne, ["random"]), (DrawsWithTorch, ["torch"])],
 )
 def test_a_learner_that_uses_global_generators_is_named_and_reproducible(kind, generators):
     before = GlobalRandomness.now()

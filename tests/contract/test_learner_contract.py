@@ -74,10 +74,7 @@ TestBayesOfBoundedRationality = contract(
 )
 # Beyond four levers structures are sampled, which takes luck of its own.
 TestBayesOfManyLevers = contract(
-    "bayes",
-    parameters={"policy": "thompson", "lapse": 0.1},
-    schemas=("seven",),
-    subjects=2,
+    "bayes", parameters={"policy": "thompson", "lapse": 0.1}, schemas=("seven",), subjects=2
 )
 TestDDQN = contract("ddqn", parameters=SMALL, schemas=TWO, attempts=20)
 # Sums of 128 terms, whose rounding shows where it depends on what else is evaluated.

@@ -104,11 +104,7 @@ def test_training_begins_when_there_is_a_batch_and_follows_every_action():
 
 def test_in_one_room_it_learns_to_open_the_door():
     settings = DDQNParameters(
-        hidden_layers=2,
-        hidden_units=32,
-        learning_rate=0.003,
-        epsilon_decay=0.998,
-        epsilon_min=0.05,
+        hidden_layers=2, hidden_units=32, learning_rate=0.003, epsilon_decay=0.998, epsilon_min=0.05
     )
     protocol = Protocol("long", attempt_limit=500, stop_when_solved=False, baseline_trials=1)
     record = Session(ROOM, protocol, 8).play(DDQN(settings)).to_pandas()

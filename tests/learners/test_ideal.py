@@ -20,8 +20,7 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.mark.parametrize(
-    ("condition", "limit"),
-    [("CC4", 3), ("CE4", 3), ("CC3-CE4", 3), ("chain3", 4), ("two_keys", 3)],
+    ("condition", "limit"), [("CC4", 3), ("CE4", 3), ("CC3-CE4", 3), ("chain3", 4), ("two_keys", 3)]
 )
 def test_it_needs_as_many_attempts_as_the_optimum(condition, limit):
     record = play(create("ideal"), condition, subjects=400 if condition == "CC4" else 150)
