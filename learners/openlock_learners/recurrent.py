@@ -135,15 +135,8 @@ class Recurrent(Learner):
         settings, playing = self.parameters, step.view.playing
         resets = step.trial_over & playing & (settings.reset == "trial")
         done = step.trial_over if settings.bootstrap_over_attempts else step.attempt_over
-        who = np.flatnonzero(playing)
         self._replay.add(
-            who,
-            self._inputs[who],
-            self._hidden_state[who],
-            step.action[who],
-            step.reward[who],
-            ~done[who],
-            resets[who],
+            playing, self._inputs, self._hidden_state, step.action, step.reward, ~done, resets
         )
         after = self._next_state.numpy()
         self._hidden_state = np.where(playing[:, None], after, self._hidden_state)

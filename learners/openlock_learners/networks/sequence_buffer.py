@@ -56,7 +56,7 @@ class SequenceBuffer:
 
     def add(
         self,
-        who: IntArray,
+        playing: BoolArray,
         inputs: Floats,
         state: Floats,
         action: IntArray,
@@ -64,19 +64,21 @@ class SequenceBuffer:
         not_done: BoolArray,
         resets: BoolArray,
     ) -> None:
-        """Add one step for each of the subjects ``who``, with the hidden state before it.
+        """Add one step for each subject that is ``playing``, with the hidden state before it.
 
-        Where the hidden state ``resets`` after the step, ``not_done`` must be false.
+        Arguments are ``[B]``. Where the hidden state ``resets`` after the step, ``not_done`` must
+        be false.
         """
+        who = np.flatnonzero(playing)
         slot = self.count[who] % self.capacity
         self._begins[who, slot] = self._segment[who]
-        self._inputs[who, slot] = inputs
-        self._state[who, slot] = state
-        self._action[who, slot] = action
-        self._reward[who, slot] = reward
-        self._not_done[who, slot] = not_done
+        self._inputs[who, slot] = inputs[who]
+        self._state[who, slot] = state[who]
+        self._action[who, slot] = action[who]
+        self._reward[who, slot] = reward[who]
+        self._not_done[who, slot] = not_done[who]
         self.count[who] += 1
-        self._segment[who] = np.where(resets, self.count[who], self._segment[who])
+        self._segment[resets] = self.count[resets]
 
     def sample(self, uniform: FloatArray) -> Sequences:
         """Sequences drawn with replacement, for each subject from its own ring.

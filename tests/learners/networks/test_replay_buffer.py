@@ -68,10 +68,10 @@ def test_sequences_never_cross_a_reset(lengths, open_end, capacity, burn_in, unr
     for step, segment in enumerate(segments):
         last = step + 1 < total and segments[step + 1] != segment
         last |= open_end == 0 and step == total - 1
-        for who in (0, 1):  # Inputs tell the step; states tell the step from the other end.
-            number = np.array([[step + 1000 * who]], dtype=np.float32)
-            not_done, resets = np.array([not last]), np.array([last])
-            replay.add(np.array([who]), number, -number, *([[step]] * 2), not_done, resets)
+        # Inputs tell the step; states tell the step from the other end.
+        number = np.array([[step], [step + 1000]], dtype=np.float32)
+        both, ends = np.full(2, step), np.full(2, last)
+        replay.add(np.ones(2, dtype=bool), number, -number, both, both, ~ends, ends)
     drawn = np.random.default_rng(0).random((2, 2 * 300))
     batch = replay.sample(drawn)
     learned = set()
