@@ -6,7 +6,7 @@ measures, draws or reports. A record is an Arrow table, kept as one Parquet file
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -73,11 +73,16 @@ def record_schema() -> pa.Schema:
     )
 
 
-def with_times(record: pa.Table, seconds: Sequence[float | None]) -> pa.Table:
-    """A record of attempts that ended at these times, which are not those of its session."""
+def with_times(record: pa.Table, actions: Iterable[Mapping[str, Any]], trials: int) -> pa.Table:
+    """The attempts of a person's first ``trials``, with their times in place of the session's.
+
+    The times are those of the last of their ``actions``, which are rows as
+    :func:`~causal_openlock.experiment.beside_record.write_reactions` takes them.
+    """
+    last = [row for row in actions if row["attempt_over"] and row["visit"] <= trials]
+    times = pa.array([row["time"] or 0.0 for row in last], pa.float32())
     where = record.schema.get_field_index("wall_time")
-    times = pa.array([time or 0.0 for time in seconds], pa.float32())
-    return record.set_column(where, record.schema.field(where), times)
+    return record.slice(0, len(last)).set_column(where, record.schema.field(where), times)
 
 
 def categorise(

@@ -25,7 +25,7 @@ from causal_openlock.experiment.declare import (
     find_protocol,
 )
 from causal_openlock.experiment.making import find_experiment, read_experiment
-from causal_openlock.experiment.record import played, with_times
+from causal_openlock.experiment.record import played
 from causal_openlock.files.atomic import folder_at, is_empty, move_into
 from causal_openlock.files.validation import read
 from causal_openlock.importing.reading import Action, actions_in, fault_at
@@ -205,8 +205,7 @@ def _write(folder: Path, experiment: Experiment, replayed: Sequence[Replayed]) -
         store.open(experiment, changed=False)
         for again in replayed:
             cell, done = again.cell, again.done
-            ends = [taken["time"] for taken in done if taken["attempt_over"]]
-            store.write(cell, with_times(again.record, ends[: again.record.num_rows]))
+            store.write(cell, again.record)
             if any((taken["reaction"], taken["time"]) != (None, None) for taken in done):
                 path = store.folder / REACTIONS / cell.file_name
                 write_reactions(path, cell.condition.name, cell.first_subject, done)

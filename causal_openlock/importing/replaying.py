@@ -18,6 +18,7 @@ from causal_openlock.contract.learner import Step
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.declare import SHOWN, Cell
 from causal_openlock.experiment.plan import Visit, plan
+from causal_openlock.experiment.record import with_times
 from causal_openlock.experiment.session import Session
 from causal_openlock.importing.reading import CLAIMS, Action, fault_at
 from causal_openlock.world.room import Layout, action_index, action_names, positions_for
@@ -28,7 +29,7 @@ class Replayed:
     """One subject's actions, replayed and checked."""
 
     cell: Cell  #: that was played, with the rooms where the file names them
-    record: pa.Table  #: the attempts of the trials that are over
+    record: pa.Table  #: the attempts of the trials that are over, with the file's times
     done: Sequence[Mapping[str, Any]]  #: the actions, as rows of a table of reaction times
     left_out: int  #: actions of a trial that is not over, which no record has
 
@@ -55,32 +56,27 @@ def replay(actions: Sequence[Action], cell: Cell, drawn: bool = False) -> Replay
         )
     known = {cell.first_subject: rooms} if rooms else {}
     cell = replace(cell, condition=replace(condition, rooms=known))
-    session = Session.of(cell)
-    indices = []
-    for action in actions:
-        with fault_at(action.place):
-            indices.append(action_index(action.action, session.brief.positions))
+    session, over = Session.of(cell), 0
     done: list[dict[str, Any]] = []
-    whole = attempts = kept = 0  # actions and attempts of trials that are over
-    for action, trial, (_, step) in zip(
-        actions, trials, session.following([np.array(indices)]), strict=True
-    ):
+    for action, trial in zip(actions, trials, strict=True):
+        with fault_at(action.place):
+            index = action_index(action.action, session.brief.positions)
+        step = session.step([index])
         moved = bool((step.outcome != step.view.observation).any())
-        over = bool(step.attempt_over[0])
+        ended = bool(step.attempt_over[0])
         why = _impossible(action, trial, step, moved)
-        if not why and visits[trial - 1].phase == SHOWN and over and not step.new_solution[0]:
+        if not why and visits[trial - 1].phase == SHOWN and ended and not step.new_solution[0]:
             why = "this attempt is not a new solution, and what is shown is"
         if why:
             hint = f"; rooms were drawn by --seed {cell.seed}" if drawn and not rooms else ""
             raise OpenLockError(f"{action.place}: {why}{hint}")
         at = int(step.view.attempt[0])
-        about = {"visit": trial, "attempt": at, "action": int(step.action[0]), "time": action.time}
-        came = {"moved": moved, "attempt_over": over}
+        about = {"visit": trial, "attempt": at, "action": index, "time": action.time}
+        came = {"moved": moved, "attempt_over": ended}
         done.append({**about, "reaction": action.reaction, **came})
-        attempts += over
-        if step.trial_over[0]:
-            whole, kept = len(done), attempts
-    return Replayed(cell, session.record().slice(0, kept), done, len(done) - whole)
+        over += bool(step.trial_over[0])
+    left_out = sum(row["visit"] > over for row in done)
+    return Replayed(cell, with_times(session.record(), done, over), done, left_out)
 
 
 def _trials(actions: Sequence[Action], visits: Sequence[Visit], condition: str) -> list[int]:

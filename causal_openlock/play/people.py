@@ -315,16 +315,15 @@ class People:
                 return False
             done, answers, record = [*game.done], [*game.answers], game.session.record()
             over = game.trials_over
-        # The trial that a person is in, or has left for good, is no trial of the record.
-        ends = [row["time"] for row in done if row["attempt_over"] and row["visit"] <= over]
         cell, folder = game.cell, self.store.folder
         write_reactions(
             folder / REACTIONS / cell.file_name, cell.condition.name, cell.first_subject, done
         )
         if answers:
             write_answers(folder / STRUCTURES / cell.file_name, answers)
-        if ends:
-            self.store.write(cell, with_times(record.slice(0, len(ends)), ends))
+        # The trial that a person is in, or has left for good, is no trial of the record.
+        if (timed := with_times(record, done, over)).num_rows:
+            self.store.write(cell, timed)
         self._written[game.number] = rows
         return True
 

@@ -121,9 +121,12 @@ def test_a_record_has_the_columns_of_the_contract_each_with_its_meaning():
     assert table.num_rows == 6
     assert table.schema.equals(record_schema(), check_metadata=True)
     assert not any(column.null_count for column in table.columns)
-    timed = with_times(table, [1.5, None, 2, 3, 4, 5])
-    assert timed["wall_time"].to_pylist() == [1.5, 0, 2, 3, 4, 5]
-    assert timed.drop_columns("wall_time") == table.drop_columns("wall_time")
+    ends = [1.5, None, 2, 3, 4, 5]
+    actions = [{"visit": 1 + n // 5, "attempt_over": True, "time": time}
+               for n, time in enumerate(ends)]  # fmt: skip
+    timed = with_times(table, actions, 1)
+    assert timed["wall_time"].to_pylist() == [1.5, 0, 2, 3, 4]
+    assert timed.drop_columns("wall_time") == table[:5].drop_columns("wall_time")
     assert timed.schema.equals(table.schema, check_metadata=True)
 
 
