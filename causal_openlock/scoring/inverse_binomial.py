@@ -209,25 +209,21 @@ def by_draws(
     while asked < limit:
         copies = min(max(asked, FIRST_COPIES), limit - asked, MOST_COPIES)
         left = np.flatnonzero(tally.open.any(axis=1)).tolist()
-        together = max(1, MOST_COPIES // copies)
+        together = MOST_COPIES // copies
         for first in range(0, len(left), together):
             places = left[first : first + together]
-            numbers = [
-                part.numbers[place] * 10**6 + asked + copy
-                for place in places
-                for copy in range(copies)
-            ]
-            _ask(part, scored, places, numbers, tally)
+            _ask(part, scored, places, range(asked, asked + copies), tally)
         asked += copies
     return tally.scores()
 
 
 def _ask(
-    part: Recorded, scored: LearnerSpec, places: Sequence[int], numbers: Sequence[int], tally: Tally
+    part: Recorded, scored: LearnerSpec, places: Sequence[int], of_each: range, tally: Tally
 ) -> None:
-    """Replay subjects with copies of the learner, each of a number, and note what they do."""
+    """Replay subjects, with the copies of these numbers of each, and note what the copies do."""
     session, learner = part.session(scored, places), create(scored.learner, scored.parameters)
-    copies = len(numbers) // len(places)
+    copies = len(of_each)
+    numbers = [part.numbers[place] * 10**6 + copy for place in places for copy in of_each]
     wanted, done, starts = (
         array[np.array(places)] for array in (tally.wanted(), part.actions, part.starts)
     )
