@@ -183,9 +183,8 @@ def _fitted(
     for who, found in zip(names, peaks, strict=True):
         evidence, spread = evidence_of(found, group)
         bic = float(price - 2 * evidence) if found.actions else 0.0
-        idle = _idle(plan, found) if found.actions else tuple(ranges)
         counted = {name: getattr(found, name) for name in summed}
-        fits.append(fitted(who, found.at, spread, bic=bic, idle=idle, **counted))
+        fits.append(fitted(who, found.at, spread, bic=bic, idle=_idle(plan, found), **counted))
     total: dict[str, Any] = {
         name: sum(getattr(own, name) for own in fits) for name in (*summed, "bic")
     }

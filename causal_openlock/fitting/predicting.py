@@ -188,20 +188,21 @@ def score_folder(
     fitted = [read_fit(Path(path), [spec.learner for spec in specs]) for path in fits]
     record, experiment = Store(folder).record()
     of = [spec.name for spec in known_learners(of, experiment.learners)]
+    parts = recorded_subjects(record, experiment, of)
     tables, shared, accounts = [], dict[str, Recorded](), list[Account]()
     how: dict[str, Any] = {"draws": draws, "workers": workers, "accounts": accounts}
     if fitted:
-        subjects = alone(recorded_subjects(record, experiment, of))
-        _check(fitted, [spec.name for spec in specs], subjects_of([*subjects.values()]), lapse)
+        _check(fitted, [spec.name for spec in specs], subjects_of(parts), lapse)
         shared = {
-            who: own for who, own in subjects.items() if all(who in fit.subjects for fit in fitted)
+            who: own
+            for who, own in alone(parts).items()
+            if all(who in fit.subjects for fit in fitted)
         }
         if not shared:
             labels = joined([fit.label for fit in fitted])
             raise StoreError(f"no subject was fitted in each of {labels}; fit to the same subjects")
         tables = [_predicted(fit, shared, **how) for fit in fitted]
     if specs:
-        parts = recorded_subjects(record, experiment, of)
         jobs = [(part, spec) for part in parts for spec in specs]
         table = pd.concat(scored_parts(jobs, lapse, **how, report=report), ignore_index=True)
         tables.append(table[subject_names(table).isin(shared)] if fitted else table)
