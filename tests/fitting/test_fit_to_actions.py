@@ -128,9 +128,10 @@ def test_a_stored_fit_that_cannot_be_is_refused(folder, tmp_path):
     path.write_bytes(content.replace(b'"actions": ', b'"actions": 1', 1))
     with pytest.raises(StoreError, match="checksum"):
         fit_all(groups, QUICK, tmp_path)
-    path.write_bytes(json_bytes({"result": {"who": "me"}}))
-    with pytest.raises(StoreError, match=f"{path.name}.* delete it"):
-        fit_all(groups, QUICK, tmp_path)
+    for wrong in (json_bytes({"result": {"who": "me"}}), json_bytes({}), b"[1, 2"):
+        path.write_bytes(wrong)
+        with pytest.raises(StoreError, match=f"{path.name}.* delete it"):
+            fit_all(groups, QUICK, tmp_path)
     path.unlink()
     fit_all(groups, QUICK, tmp_path)
     assert path.read_bytes() == content

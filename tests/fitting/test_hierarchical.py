@@ -8,13 +8,12 @@ from scipy.special import expit, log_expit, logit
 from scipy.stats import norm
 
 import causal_openlock as ol
-from causal_openlock.errors import LearnerError, StoreError
+from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.making import make_experiment
-from causal_openlock.files.checksums import json_bytes
 from causal_openlock.fitting.group import Group, Peak, derivatives, evidence_of, group_of, peak
 from causal_openlock.fitting.hierarchical import fit_group
 from causal_openlock.fitting.plan import Range, make_plan
-from causal_openlock.fitting.steps import STEPS, fitting_in
+from causal_openlock.fitting.steps import STEPS
 from causal_openlock.fitting.to_actions import FILE, fit_table
 from causal_openlock.running.runner import run
 from causal_openlock.scoring.recorded import recorded_subjects
@@ -157,10 +156,7 @@ def test_a_group_of_subjects_is_fitted(fitted):
     assert fitted["bic"][0] == pytest.approx(fitted["bic"][1:].sum(), rel=1e-5)
 
 
-@pytest.fixture
-def stopped(folder, tmp_path):
-    """A hierarchical fit that was stopped in its second round."""
-
+def test_a_hierarchical_fit_that_was_stopped_continues_to_the_same(folder, fitted, tmp_path):
     def stop(step):
         if "round 2" in step:
             raise KeyboardInterrupt
@@ -168,28 +164,13 @@ def stopped(folder, tmp_path):
     with pytest.raises(KeyboardInterrupt):
         fit_group(parts(folder), PLAN, tmp_path, report=stop)
     assert not (tmp_path / FILE).exists()
-    return [*(tmp_path / STEPS).iterdir()]
-
-
-def test_a_hierarchical_fit_that_was_stopped_continues_to_the_same(
-    folder, fitted, stopped, tmp_path
-):
-    before = {path: path.stat().st_mtime_ns for path in stopped}
+    before = {path: path.stat().st_mtime_ns for path in (tmp_path / STEPS).iterdir()}
     fits, rounds = fit_group(parts(folder), PLAN, tmp_path)
     pd.testing.assert_frame_equal(fit_table(fits, PLAN).round(6), fitted, check_dtype=False)
     assert rounds >= 2
-    assert before == {path: path.stat().st_mtime_ns for path in stopped}
+    assert before == {path: path.stat().st_mtime_ns for path in before}
     fewer, _ = fit_group(parts(folder)[:3], PLAN, tmp_path)
     assert len(fewer) == 1 + 3
-    with fitting_in(tmp_path, 1), pytest.raises(StoreError, match="another fit"):
-        fit_group(parts(folder), PLAN, tmp_path)
-
-
-def test_a_stored_peak_that_cannot_be_is_refused(folder, stopped, tmp_path):
-    for path in stopped:
-        path.write_bytes(json_bytes({"result": {"at": "far"}}))
-    with pytest.raises(StoreError, match="this is not a fit"):
-        fit_group(parts(folder), PLAN, tmp_path)
 
 
 def test_a_subject_that_is_held_out_is_predicted_by_the_group(tmp_path):

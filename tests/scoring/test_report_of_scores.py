@@ -74,6 +74,7 @@ def test_the_learner_that_acted_is_first_in_the_table_of_scores(shown):
         own = table.loc[name]
         assert own.index[0] == name
         assert own["best of"].tolist() == [6, 0, 0]
+        assert (own["low"].iloc[1:] > 0).all()
         assert own["p"].tolist()[0] == "–"
         assert own["followed by"].idxmax() == name
         assert own.loc["random", "bits/action"] == pytest.approx(np.log2(15))

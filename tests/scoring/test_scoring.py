@@ -56,18 +56,6 @@ def test_random_needs_the_logarithm_of_the_number_of_actions(played):
     assert subjects["actions"].sum() == sum(len(row) for row in played[0]["actions"].to_pylist())
 
 
-def test_the_learner_that_acted_predicts_best(played):
-    for name, other in (("thompson", "noisy"), ("noisy", "thompson")):
-        scored = [
-            score_actions(*played, spec(each, "random"), 0.01, of=[name])
-            for each in (other, name, "random")
-        ]
-        ranked = Scores(pd.concat(scored)).ranking
-        assert ranked["scored"].iloc[0] == name
-        assert ranked["best_of"].tolist() == [6, 0, 0]
-        assert (ranked["worse_low"].iloc[1:] > 0).all()
-
-
 def test_numbers_that_were_chosen_have_a_price_and_a_policy_has_none(played):
     both = [spec("thompson"), spec("noisy")]
     scores = Scores(score_actions(*played, both, lapse=0.01, of=["noisy"]))
