@@ -193,11 +193,8 @@ def score_folder(
     how: dict[str, Any] = {"draws": draws, "workers": workers, "accounts": accounts}
     if fitted:
         _check(fitted, [spec.name for spec in specs], subjects_of(parts), lapse)
-        shared = {
-            who: own
-            for who, own in alone(parts).items()
-            if all(who in fit.subjects for fit in fitted)
-        }
+        in_all = set.intersection(*(set(fit.subjects) for fit in fitted))
+        shared = {who: own for who, own in alone(parts).items() if who in in_all}
         if not shared:
             labels = joined([fit.label for fit in fitted])
             raise StoreError(f"no subject was fitted in each of {labels}; fit to the same subjects")

@@ -3,8 +3,6 @@
 import json
 from dataclasses import replace
 
-import numpy as np
-import pandas as pd
 import pytest
 
 import causal_openlock as ol
@@ -156,23 +154,6 @@ def test_folds_need_trials_and_subjects_enough(folder):
     check_folds([part], with_settings(plan, folds=6))
     with pytest.raises(LearnerError, match="each=true"):
         fit_group([one], PLAN, folder)
-
-
-def test_the_command_marks_an_estimate_at_a_bound(folder, tmp_path):
-    """Temperatures of 10 and more fit worse and worse, so the best is at the bound."""
-    words = ["fit", "associative", "--to", folder, "--of", "warm", "--set", "hold_out=none"]
-    words += ["--search", "temperature=10:100:log", "--fix", "partial=0.25"]
-    words += ["--set", "candidates=30", "--workers", 1]
-    done = at_once(*words, "--out", tmp_path / "fit")
-    assert done.status == 0, done.stderr
-    assert "* at a bound of what was searched (temperature)" in done.stdout
-    for named in ("partial 0.25", "6 subjects are too few", "name: associative_fitted"):
-        assert named in done.stdout
-    (row,) = pd.read_csv(tmp_path / "fit" / "fits.csv").to_dict("records")
-    assert row["at_bound"] == "temperature"
-    assert np.isfinite(row["bits"])
-    (kept,) = json.loads((tmp_path / "fit" / FILE).read_bytes())["done"]
-    assert kept["chosen"]["temperature"] == pytest.approx(10)
 
 
 NEVER = r"associative cannot have done what random/CC3/.*/0 did.*(push|pull)_\w+ \(trial 1, attempt"
