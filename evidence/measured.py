@@ -85,7 +85,7 @@ class Evidence:
         name = self.study.file.derived
         if name is None:
             raise EvidenceError(f"{self.study.name} derives no table")
-        return DERIVED_TABLES[name](self.study, read_units(self.study)).set_index("learner")
+        return DERIVED_TABLES[name](self.study, read_units(self.study))
 
     @property
     def figures(self) -> dict[str, Path]:
@@ -313,13 +313,11 @@ def distances_from_people(study: Study, units: pd.DataFrame) -> pd.DataFrame:
     its distance from the fourteen means of the published model.
     """
     trials, like = beside_people(study, units)
-    played = trials[trials["learner"].isin(like.points)]
-    table = beside_null_models(like, played, study.file.fitted)
+    table = beside_null_models(like, trials, study.file.fitted).set_index("learner")
     effects = {name: own["like_people"].sum() for name, own in like.effects.items()}
     model = points_of_model()["mean"].to_numpy()
     far = {name: distance(own.assign(people_mean=model))[0] for name, own in like.points.items()}
-    learners = table["learner"]
-    return table.assign(effects=learners.map(effects).astype("Int64"), model=learners.map(far))
+    return table.assign(effects=pd.Series(effects, dtype="Int64"), model=pd.Series(far))
 
 
 def beside_people(study: Study, units: pd.DataFrame) -> tuple[pd.DataFrame, Likeness]:
@@ -340,7 +338,7 @@ def beside_people(study: Study, units: pd.DataFrame) -> tuple[pd.DataFrame, Like
 def learning_costs(study: Study, units: pd.DataFrame) -> pd.DataFrame:
     """The attempts that each learner needs until it solves a new room well, as in a report."""
     table = shown(costs_by_learner(read_units(study, COSTS)))
-    return table.set_index("learner").loc[units["learner"].unique()].reset_index()
+    return table.set_index("learner").loc[units["learner"].unique()]
 
 
 DERIVED_TABLES = {
@@ -348,4 +346,4 @@ DERIVED_TABLES = {
     "learning_costs": learning_costs,
     "confusion": confusions,
 }
-"""Tables that a study may declare as ``derived``."""
+"""Tables that a study may declare as ``derived``, by learner."""

@@ -106,4 +106,4 @@ def confusions(study: Study, units: pd.DataFrame) -> pd.DataFrame:
     sizes, ceiling = sizes_of(study, units), bits(_of_theories(units))
     right = {"groups": np.diag(confusion(sizes, of_groups=True)),
              "bits": np.diag(ceiling.loc[ceiling.columns])}  # fmt: skip
-    return confusion(sizes).assign(**right).rename_axis("learner").reset_index()
+    return confusion(sizes).assign(**right)
