@@ -7,7 +7,7 @@ difference of exactly the margin matters.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -79,13 +79,14 @@ class Estimate:
         return int(np.sign(side)) if found.p < 1 - level else 0
 
 
-def estimate(groups: Sequence[Group], units: tuple[int, ...]) -> Estimate:
-    """The sum of the weighted means of groups, with its intervals."""
+def estimate(*groups: Group) -> Estimate:
+    """The sum of the weighted means of groups, with its intervals; published ones have no units."""
 
     def ends(level: float) -> Ends:
         return weighted_difference(groups, level=level)[1:3]
 
-    return Estimate(weighted_difference(groups).value, ends, units, tuple(groups))
+    units = tuple(group.size for group in groups if group.values is not None)
+    return Estimate(weighted_difference(groups).value, ends, units, groups)
 
 
 def mean_of(values: FloatArray, known: float = 0.0) -> Estimate:
@@ -96,7 +97,7 @@ def mean_of(values: FloatArray, known: float = 0.0) -> Estimate:
     (3.12, 4.88)
     """
     if len(values) < LEAST_UNITS or not np.isin(values, (0.0, 1.0)).all():
-        return estimate([Group.of(values - known)], (len(values),))
+        return estimate(Group.of(values - known))
     share, size = float(np.mean(values)), len(values)  # of units that did it
     return _from(known, share, lambda level: share_interval(share, size, level), size)
 
@@ -109,11 +110,6 @@ def _from(known: float, value: float, of: Callable[[float], Any], units: int) ->
         return float(low) - known, float(high) - known
 
     return Estimate(value - known, ends, (units,))
-
-
-def difference(of: FloatArray, minus: FloatArray) -> Estimate:
-    """The difference of the means of two independent groups of units."""
-    return estimate([Group.of(of), Group.of(minus, -1.0)], (len(of), len(minus)))
 
 
 def mean_selected(units: pd.DataFrame, words: str, measure: str, known: float = 0.0) -> Estimate:
@@ -149,13 +145,13 @@ def compared(units: pd.DataFrame, contrast: Contrast, networks: Networks | None)
             return mean_of(of, float(minus.mean()))
         bar, size = (selected(units, side, name).mean() for name in ("se", "subjects"))
         people = Group.published(float(minus.mean()), float(bar), int(size))._replace(weight=-1.0)
-        return estimate([Group.of(of), people], (len(of),))
+        return estimate(Group.of(of), people)
     if networks:
         paired = networks.played_by(one["learner"][0]) == networks.played_by(learner)
     else:
         paired = one.get("condition") == other.get("condition")
     if not paired:
-        return difference(of, minus)
+        return estimate(Group.of(of), Group.of(minus, -1.0))
     pairs = (first - second).dropna()
     if pairs.empty:
         raise EvidenceError("no unit has been run on both sides")

@@ -9,6 +9,7 @@ import pytest
 from scipy import stats
 from statsmodels.stats.weightstats import ttost_ind, ttost_paired
 
+from causal_openlock.analysis.effects import Group
 from causal_openlock.errors import EvidenceError
 from evidence.study import Contrast, Networks
 from evidence.units import selected, with_differences
@@ -18,12 +19,16 @@ from evidence.verdicts import (
     Estimate,
     Verdict,
     compared,
-    difference,
+    estimate,
     mean_of,
     mean_selected,
     together,
     verdict,
 )
+
+
+def difference(of, minus):
+    return estimate(Group.of(of), Group.of(minus, -1.0))
 
 
 @pytest.mark.parametrize("seed", range(20))
