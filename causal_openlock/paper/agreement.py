@@ -102,27 +102,25 @@ def beside_paper(parts: pd.DataFrame, phase: str, conditions: Iterable[str]) -> 
 
     Returns:
         A row for each measure, condition and learner with as many blocks as the paper has, after
-        the paper's own: :data:`ROW`, ``block`` and the ``share`` as it is printed. Empty if there
-        are no such learners.
+        the paper's own: :data:`ROW`, and the shares as they are printed, ``block 1`` and so on.
+        Empty if there are no such learners.
     """
-    paper = published_shares()
+    paper = published_shares().xs(phase, level="phase")
+    blocks = paper.index.unique("block")
     rows = []
     for measure, condition in product(MEASURES, conditions):
-        known = paper.loc[condition, phase]
+        known = paper.loc[condition]
         printed = known[measure].map("{:.1%}".format)
-        beside = [(PAPER, "", round(known["attempts"].sum(), -3), printed)]
+        beside = [(PAPER, "", condition, measure, round(known["attempts"].sum(), -3), *printed)]
         own = parts[(parts["condition"] == condition) & (parts["phase"] == phase)]
         for (learner, protocol, _), played in own.groupby(GROUP, observed=True):
             values = matrix(played, measure)
-            if values.shape[1] == len(known):
+            if values.shape[1] == len(blocks):
                 many = played["attempts"].sum() / len(played[SUBJECT].drop_duplicates())
-                beside.append((learner, protocol, many, map(share_text, values.T)))
-        rows += [
-            (learner, protocol, condition, measure, many, block, share)
-            for learner, protocol, many, blocks in (beside if len(beside) > 1 else ())
-            for block, share in enumerate(blocks, start=1)
-        ]
-    return pd.DataFrame(rows, columns=[*ROW, "block", "share"])
+                shown = map(share_text, values.T)
+                beside.append((learner, protocol, condition, measure, many, *shown))
+        rows += beside if len(beside) > 1 else []
+    return pd.DataFrame(rows, columns=[*ROW, *(f"block {block}" for block in blocks)])
 
 
 def section(material: Material) -> Section | None:
@@ -149,24 +147,18 @@ def section(material: Material) -> Section | None:
         return None
     tables = []
     if len(trained):
-        frame = _wide(trained.assign(block="block " + trained["block"].astype(str)), "block")
         caption = f"{PARTS} blocks of a subject's visits. {_CAPTION}"
-        tables.append(Table("figure6", "Figure 6 as shares", frame, _FORMATS, caption))
+        tables.append(Table("figure6", "Figure 6 as shares", trained, _FORMATS, caption))
     if len(tested):
-        frame = _wide(tested, "condition")
+        whose = [name for name in ROW if name != "condition"]
+        cases = tested.set_index([*whose, "condition"])["block 1"].unstack(sort=False)
+        frame = cases.rename_axis(columns=None).reset_index()
         tables.append(Table("figure7", "Figure 7 as shares", frame, _FORMATS, _CAPTION))
     text = [
         f"{name} is another protocol than the paper's, which alone may explain differences."
         for name in others
     ]
     return Section("agreement", "Agreement with the paper's DDQN", tuple(text), tuple(tables))
-
-
-def _wide(rows: pd.DataFrame, column: str) -> pd.DataFrame:
-    """A column of shares for each block, or for each condition; learners of a measure together."""
-    index = [name for name in ROW if name != column]
-    table = rows.set_index([*index, column])["share"].unstack(sort=False)
-    return table.rename_axis(columns=None).reset_index()
 
 
 TOPIC = Topic("agreement", 110, section)
