@@ -47,8 +47,8 @@ SEARCHES: Mapping[str, Callable[[int], int]] = {
 """Sequences that a search goes through, by what it knows."""
 MOVES, SCHEMA, WITHOUT_LEVERS = "what movements tell", "schema", "schema, not the active levers"
 TRAINING_ROOMS = 6
-_DRAWN = {"CC4": "", "CE4": "", "CC3": "first_solution_", "CE3": "first_solution_"}
-"""Condition of each panel, with the beginning of people's columns (until all, or the first)."""
+_DRAWN = {"CC4": "all", "CE4": "all", "CC3": "first", "CE3": "first"}
+"""Condition of each panel, and the solutions until which attempts count there."""
 
 
 def knowledge_steps(conditions: Collection[str] = CONDITIONS) -> pd.DataFrame:
@@ -112,28 +112,6 @@ def _ideal(name: str, *training: str) -> tuple[tuple[float, ...], ...]:
     return by_prior.unknown.here, by_prior.known.here, unplaced.known.here
 
 
-def peoples_rooms() -> pd.DataFrame:
-    """Return people's published attempts in the first and in the last room of each condition.
-
-    Columns: ``condition``, ``first_room`` and ``last_room`` (until all solutions; the only test
-    room of a transfer is its first) and, in three-lever rooms, ``first_solution_first_room`` and
-    ``first_solution_last_room``.
-    """
-    training = people_in_training()
-    whole = pd.concat([training[training["solution"] == "all"], people()])
-    tested = whole["condition"].isin(whole.loc[whole["phase"] == "test", "condition"])
-    whole = whole[(whole["phase"] == "test") | ~tested]
-    ends = {"": whole, "first_solution_": training[training["solution"] == "first"]}
-    columns = {}
-    for prefix, rows in ends.items():
-        by_condition = rows.sort_values("trial").groupby("condition")["mean"]
-        columns[f"{prefix}first_room"] = by_condition.first()
-        columns[f"{prefix}last_room"] = by_condition.last()
-    table = pd.DataFrame(columns).reindex(CONDITIONS).rename_axis("condition").reset_index()
-    tests = table["condition"].str.contains("-")
-    return table.assign(last_room=table["last_room"].mask(tests))
-
-
 @known_arguments
 def plot_knowledge_steps(steps: pd.DataFrame | None = None, *, ax: Any = None) -> Any:
     """Draw what each piece of knowledge saves, next to people's first and last rooms.
@@ -157,12 +135,14 @@ def plot_knowledge_steps(steps: pd.DataFrame | None = None, *, ax: Any = None) -
             f"steps are what knowledge_steps returns of {joined([*_DRAWN])}; {joined(lacking)} "
             f"{'is' if len(lacking) == 1 else 'are'} missing"
         )
-    steps, rooms = steps[steps["knows"] != WITHOUT_LEVERS], peoples_rooms().set_index("condition")
+    steps = steps[steps["knows"] != WITHOUT_LEVERS]
+    published = pd.concat([people().assign(solution="all"), people_in_training()])
+    rooms = published.groupby(["condition", "solution"])["mean"]  # in the order of trials
     with panels(ax, 4, in_rows(4, 2, 2.4)) as at:
-        for axes, (condition, prefix) in zip(at.axes, _DRAWN.items(), strict=True):
+        for axes, (condition, solution) in zip(at.axes, _DRAWN.items(), strict=True):
             own = steps[steps["condition"] == condition].reset_index(drop=True)
             colour = style.current().trained(condition)
-            ends = own["first" if prefix else "attempts"].to_numpy(float)
+            ends = own["first" if solution == "first" else "attempts"].to_numpy(float)
             axes.scatter(ends, own.index, color=colour, s=18, zorder=3)
             axes.barh(own.index[1:], ends[:-1] - ends[1:], left=ends[1:], color=colour, alpha=0.45)
             for place, value in enumerate(ends):
@@ -170,15 +150,16 @@ def plot_knowledge_steps(steps: pd.DataFrame | None = None, *, ax: Any = None) -
                     f"{value:,.2f}", (value, place), xytext=(-5, 0), textcoords="offset points",
                     ha="right", va="center", fontsize="small",
                 )  # fmt: skip
-            low, high = sorted(rooms.loc[condition, [f"{prefix}first_room", f"{prefix}last_room"]])
-            axes.axvspan(low, high, color="#777777", alpha=0.2, lw=0)
+            means = rooms.get_group((condition, solution))
+            first, last = means.iloc[0], means.iloc[-1]
+            axes.axvspan(last, first, color="#777777", alpha=0.2, lw=0)
             axes.set_xscale("log")
             axes.set_xlim(0.3, 5000)
             axes.set_yticks(own.index, own["knows"], fontsize="small")
             axes.set_ylim(len(own) - 0.5, -0.5)
             axes.set_xlabel("Attempts")
-            what = "first solution" if prefix else "all solutions"
-            style.panel_title(axes, condition, f"until {what}; people {high:.1f} to {low:.1f}")
+            what = "first solution" if solution == "first" else "all solutions"
+            style.panel_title(axes, condition, f"until {what}; people {first:.1f} to {last:.1f}")
         at.legend([
             Patch(color="#777777", alpha=0.2, label="people, first to last room"),
             Patch(color="#777777", alpha=0.6, label="saved by knowing this as well"),

@@ -7,7 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import causal_openlock as ol
-from causal_openlock.paper.knowledge import SEARCHES, peoples_rooms
+from causal_openlock.paper.knowledge import SEARCHES
 from oracle import Room, Rules
 from support.places import ROOT
 
@@ -39,7 +39,6 @@ def test_the_stored_steps_are_those_that_are_computed():
     own = ol.knowledge_steps(["CC3", "CE3", "CE3"])  # a condition counts once
     again = stored[stored["condition"].isin(["CC3", "CE3"])].reset_index(drop=True)
     pd.testing.assert_frame_equal(again, own, atol=1e-9)
-    pd.testing.assert_frame_equal(pd.read_csv(STORED / "people.csv"), peoples_rooms())
 
 
 def test_the_figure_has_peoples_rooms_as_a_band():
