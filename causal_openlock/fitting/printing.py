@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from causal_openlock.analysis.effects import ALPHA
 from causal_openlock.analysis.statistics import too_few
 from causal_openlock.analysis.table import p_value
 from causal_openlock.cli.stopping import resumable
@@ -22,7 +23,7 @@ from causal_openlock.fitting import to_means
 from causal_openlock.fitting.hierarchical import ROUNDS, fit_group
 from causal_openlock.fitting.plan import Plan
 from causal_openlock.fitting.to_actions import fit_all, fit_table, groups_of
-from causal_openlock.paper.likeness_section import CLEAR, signs
+from causal_openlock.paper.likeness_section import signs
 from causal_openlock.scoring.recorded import recorded_subjects
 from causal_openlock.scoring.scores import choices_in
 from causal_openlock.scoring.teacher_forcing import known_learners
@@ -114,7 +115,7 @@ def fit_to_means(plan: Plan, workers: int, folder: Path) -> None:
         )
     console.print_line("\nWhat people show, differences in attempts", "bold")
     effects = fitted.effects.set_index("effect")
-    effects["p < .05"] = effects["like_people"] & (effects["p"] < CLEAR)
+    effects["p < .05"] = effects["like_people"] & (effects["p"] < ALPHA)
     _show(effects.assign(p=effects["p"].map(p_value)), console)
     console.print_line(signs(fitted.effects))
     _print_entry(fitted.entry, console)

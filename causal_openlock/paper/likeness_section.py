@@ -47,9 +47,6 @@ from causal_openlock.paper.references import PEOPLE, people_beside
 from causal_openlock.paper.significance import p_in_words
 from causal_openlock.wording import file_names, joined
 
-CLEAR = 0.05
-"""An effect is clear of chance if its sign is people's and its p is below this."""
-
 MOST_DRAWN = 5
 """Learners that have a panel next to the published model's: those nearest to people."""
 
@@ -316,9 +313,9 @@ def _name_lines(
 
 
 def signs(effects: pd.DataFrame) -> str:
-    """Numbers of a learner's effects with people's sign, and clear of chance, in words."""
-    clear = int((effects["like_people"] & (effects["p"] < CLEAR)).sum())
-    return f"{with_peoples_sign(effects)}, {clear} at p < {CLEAR:g}"
+    """Numbers of a learner's effects with people's sign, and of those significant, in words."""
+    significant = int((effects["like_people"] & (effects["p"] < ALPHA)).sum())
+    return f"{with_peoples_sign(effects)}, {significant} at p < {ALPHA:g}"
 
 
 def with_peoples_sign(effects: pd.DataFrame) -> str:
