@@ -25,7 +25,6 @@ from causal_openlock.paper.likeness_section import (
     plot_likeness,
     signs,
 )
-from causal_openlock.paper.published import model
 from support.fabricated_records import table
 from support.made_up_experiments import BESIDE_ALL, NOBODY
 from support.made_up_people import made_up
@@ -44,21 +43,6 @@ def material(*trials, references=None):
 
 def by_name(effects, name):
     return effects.set_index("effect").loc[name]
-
-
-def test_there_are_ten_points_of_baselines_and_four_of_tests():
-    points = points_of_people()
-    assert len(points) == 14
-    assert (points["phase"] == "train").sum() == 10
-    assert points["people_se"].gt(0).all()
-
-
-def test_the_published_model_is_three_attempts_from_people():
-    attempts, errors = distance(points_of_model())
-    assert attempts == pytest.approx(3.06, abs=0.005)
-    people = points_of_people()
-    off = (model()["mean"] - people["mean"]) / people["se"]
-    assert errors == pytest.approx(np.sqrt((off**2).mean()))
 
 
 def test_people_show_every_effect_and_the_published_model_all_but_one():

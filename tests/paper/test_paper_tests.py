@@ -9,13 +9,12 @@ import pytest
 from scipy import stats
 
 from causal_openlock.analysis.measures import attempts_to_solve
-from causal_openlock.analysis.topic import sections_of
-from causal_openlock.paper.paper_tests import TESTS, paper_tests, printed_tests
+from causal_openlock.paper.paper_tests import TESTS, TOPIC, paper_tests, printed_tests
 from causal_openlock.paper.references import people
 from causal_openlock.world import facts
 from support.fabricated_records import trial_rows
 from support.paper_play import material, play, same, scattered
-from support.topics import topics_called
+from support.topics import section_on
 
 LEARNERS = ("good", "never", "always")
 
@@ -137,11 +136,10 @@ def test_conditions_and_subjects_that_are_not_whole_are_left_out():
 
 def tables(held):
     """The tables of the section by name; none if there is no section."""
-    sections = sections_of(held, topics_called("paper_tests"))
+    section = section_on(TOPIC, held)
     return {
         one.name.removeprefix("paper_tests_"): one.frame
-        for section in sections
-        for one in section.tables
+        for one in (section.tables if section else ())
     }
 
 
@@ -155,15 +153,6 @@ def test_an_effect_in_the_other_direction_stands_in_its_own_column():
     assert gain["opposite significant in"].tolist() == ["back"]
     harder = found[found["printed"] == "F(1, 78) = 3.63, p > 0.05"]
     assert harder["not significant in"].tolist() == ["back"]
-
-
-def test_no_learner_is_judged_by_the_others():
-    rows = play("alike", scattered(3), subjects=40)
-    few = tables(material(rows, ("alike",)))
-    others = [row for n in range(5) for row in play(f"r{n}", scattered(9 + n), subjects=40)]
-    many = tables(material(rows + others, ("alike", *(f"r{n}" for n in range(5)))))
-    own, same = (one["all"].query("learner == 'alike'") for one in (few, many))
-    pd.testing.assert_frame_equal(own.reset_index(drop=True), same.reset_index(drop=True))
 
 
 def test_learners_that_did_something_else_are_not_tested(played):
