@@ -17,7 +17,7 @@ import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from causal_openlock.analysis.topics.language_models import _counts, _letters
+from causal_openlock.analysis.topics.language_models import _Counts, _letters, _lines
 from causal_openlock.cli.folder import status
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.beside_record import read_answers, read_reactions, write_answers
@@ -163,7 +163,7 @@ def readers(work):
         "data.csv": imported,
         "data.json": imported,
         "replies/1.jsonl": replayed,
-        "spoken.jsonl": lambda path: list(_counts(path)),
+        "spoken.jsonl": lambda path: list(_lines(path, _Counts)),
         "lettered/scores/transcripts.jsonl": lambda path: _letters(
             SimpleNamespace(folders=[path.parents[1]])
         ),

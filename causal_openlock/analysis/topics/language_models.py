@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from itertools import product
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import pandas as pd
 from pydantic import BaseModel, Field, NonNegativeInt, StringConstraints, ValidationError
@@ -21,6 +21,7 @@ from causal_openlock.analysis.topic import Section, Topic
 from causal_openlock.storage.store import Store
 from causal_openlock.wording import counted
 
+M = TypeVar("M", bound=BaseModel)
 Share = Annotated[float, Field(ge=0, le=1)]
 _COLUMNS = [
     *("learner", "condition", "answers", "tokens of questions", "tokens of answers", "seconds"),
@@ -80,32 +81,20 @@ def _counted(material: Material) -> pd.DataFrame:
     known = beginnings(material.experiment)
     rows = []
     for store, file in product(map(Store, material.folders), material.experiment.files):
-        path, cell = store.transcript(Path(file)), known.get(file.rsplit("_", 2)[0], ())
-        if cell and path.is_file():
-            rows += [(*cell[:2], *counts) for counts in _counts(path)]
+        if cell := known.get(file.rsplit("_", 2)[0]):
+            for one in _lines(store.transcript(Path(file)), _Counts):
+                faults = sum(one.faults.values()), one.unanswered, one.unreadable
+                rows.append((*cell[:2], one.answers, *one.tokens, one.latency, *faults))
     return pd.DataFrame(rows, columns=_COLUMNS)
-
-
-def _counts(path: Path) -> Iterator[tuple[float, ...]]:
-    """What was counted of each subject of a transcript, in the order of the columns."""
-    with path.open("rb") as file:
-        for line in file:
-            with suppress(ValidationError):  # what was said
-                said = _Counts.model_validate_json(line)
-                faults = sum(said.faults.values()), said.unanswered, said.unreadable
-                yield (said.answers, *said.tokens, said.latency, *faults)
 
 
 def _letters(material: Material) -> tuple[Table, ...]:
     """How likely scored models found each letter, whatever it stood for; empty without any."""
     rows = []
     for folder in material.folders:
-        path = folder / "scores" / "transcripts.jsonl"
-        for line in path.read_bytes().splitlines() if path.is_file() else ():
-            with suppress(ValidationError):  # what was said
-                said = _Letters.model_validate_json(line)
-                of = {"learner": said.scored, "actions": len(said.letters)}
-                rows.append({**of, "missing": said.missing, **said.letters})
+        for one in _lines(folder / "scores" / "transcripts.jsonl", _Letters):
+            about = {"learner": one.scored, "actions": len(one.letters), "missing": one.missing}
+            rows.append({**about, **one.letters})
     if not rows:
         return ()
     groups = pd.DataFrame(rows).groupby(["learner", "actions"], sort=False)
@@ -120,6 +109,15 @@ def _letters(material: Material) -> tuple[Table, ...]:
     formats = dict.fromkeys(means.columns[1:], ".0%")
     title = "Mean probability by letter"
     return (Table("letters", title, means.reset_index(), formats, caption),)
+
+
+def _lines(path: Path, kind: type[M]) -> Iterator[M]:
+    """The lines of a transcript that are of a kind; all others are what was said."""
+    if path.is_file():
+        with path.open("rb") as file:  # line by line: what was said can be long
+            for line in file:
+                with suppress(ValidationError):
+                    yield kind.model_validate_json(line)
 
 
 TOPIC = Topic("language_models", 60, section)
