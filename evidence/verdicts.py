@@ -58,7 +58,7 @@ class Estimate:
     @property
     def alike(self) -> str:
         """How many units of each side have its most common value, where there is no interval."""
-        values = [group.values for group in self.groups if group.values is not None]
+        values = [group.values for group in self.groups if len(group.values)]
         shares = [beside_mean(np.nan, np.nan, len(side), *mode(side)) for side in values]
         return " and ".join(filter(None, shares)) or "no interval: fewer than five units"
 
@@ -72,7 +72,6 @@ class Estimate:
         if not np.isnan(low):
             return int(low > edge) - int(high < edge)
         first, *others = self.groups
-        assert first.values is not None
         values = first.values - edge
         found = weighted_difference([Group.of(values, first.weight), *others])
         side = found.value if others else np.median(values)  # of pairs the test counts signs

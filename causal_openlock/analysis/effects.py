@@ -56,14 +56,14 @@ class Group(NamedTuple):
     """Summary of a group of subjects, or of differences of pairs, from which means are compared.
 
     ``variance`` has size − 1 in the denominator, and is 0 for a single subject; the ``weight`` is
-    that of the group's mean; ``values`` are unknown of what is published.
+    that of the group's mean; ``values`` are empty of what is published.
     """
 
     size: int
     mean: float
     variance: float
     weight: float = 1.0
-    values: FloatArray | None = None
+    values: FloatArray = np.empty(0)
 
     @classmethod
     def of(cls, values: FloatArray, weight: float = 1.0) -> Group:
@@ -106,8 +106,8 @@ def weighted_difference(
     sides = [size[side].sum() for side in (weight > 0, weight < 0) if side.any()]
     if size.min() < 2 or min(sides) < LEAST_UNITS:
         return Difference(value, math.nan, math.nan, math.nan)
-    held = [group.values for group in groups if group.values is not None]
-    if len(held) == len(groups) and alike(size.sum(), sum(mode(values)[1] for values in held)):
+    held = [group.values for group in groups]
+    if all(map(len, held)) and alike(size.sum(), sum(mode(values)[1] for values in held)):
         return Difference(value, math.nan, math.nan, _exact_p(groups))
     freedom = size.sum() - len(size)
     if pooled:
@@ -141,18 +141,17 @@ def _exact_p(groups: Sequence[Group]) -> float:
     """
     from scipy.special import bdtr
 
-    held = [(one.weight, one.values) for one in groups if one.values is not None]
-    more, less = ([own for own in held if (own[0] > 0) == side] for side in (True, False))
+    more, less = ([one for one in groups if (one.weight > 0) == side] for side in (True, False))
     if not less:
-        signs = np.sign(np.concatenate([values for _, values in more]))
+        signs = np.sign(np.concatenate([one.values for one in more]))
         fewer, either = min((signs > 0).sum(), (signs < 0).sum()), (signs != 0).sum()
         return min(1.0, 2 * float(bdtr(fewer, either, 0.5))) if either else 1.0
     rng, drawn, value = np.random.default_rng(SEED), np.zeros(PERMUTATIONS), 0.0
-    for (up, first), (down, second) in zip(more, less, strict=True):
-        value += up * first.mean() + down * second.mean()
-        both = np.tile(np.concatenate([first, second]), (PERMUTATIONS, 1))
+    for one, other in zip(more, less, strict=True):
+        value += one.weight * one.mean + other.weight * other.mean
+        both = np.tile(np.concatenate([one.values, other.values]), (PERMUTATIONS, 1))
         mixed = rng.permuted(both, axis=1)
-        drawn += up * mixed[:, : len(first)].mean(axis=1)
-        drawn += down * mixed[:, len(first) :].mean(axis=1)
+        drawn += one.weight * mixed[:, : one.size].mean(axis=1)
+        drawn += other.weight * mixed[:, one.size :].mean(axis=1)
     as_large = (np.abs(drawn) >= abs(value) - 1e-9).sum()
     return float((1 + as_large) / (1 + PERMUTATIONS))

@@ -82,13 +82,13 @@ def compared(
     common = [name for name in one if name in other]
     groups, wins, pairs = [], [], 0
     for name in common:
-        first, second = one[name]["attempts"], other[name]["attempts"]
-        groups += contrast(first, second, 1 / len(common))
-        shared = first.index.intersection(second.index)
-        pairs += len(shared)
-        gap = (first[shared] - second[shared]).to_numpy()
-        if shared.empty:
-            gap = np.subtract.outer(first.to_numpy(), second.to_numpy())
+        own = contrast(one[name]["attempts"], other[name]["attempts"], 1 / len(common))
+        groups += own
+        if len(own) == 1:
+            gap = own[0].values
+            pairs += len(gap)
+        else:
+            gap = np.subtract.outer(own[0].values, own[1].values)
         wins.append(float(np.mean((gap < 0) + (gap == 0) / 2)))
     return weighted_difference(groups), pairs, float(np.mean(wins)) if wins else np.nan
 
