@@ -120,8 +120,7 @@ def regret_by_condition(table: pd.DataFrame) -> pd.DataFrame:
 
 def section(material: Material) -> Section | None:
     """Regret, information and useless actions; None where no attempt can be judged."""
-    record = material.record
-    if not 0 < record.num_rows <= MOST or "actions" not in record.column_names:
+    if not 0 < material.record.num_rows <= MOST:
         return None
     each = regret(material)
     table = regret_by_condition(each)

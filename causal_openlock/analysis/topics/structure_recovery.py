@@ -284,8 +284,7 @@ def _asked(results: Material) -> pd.DataFrame:
 
 def section(material: Material) -> Section | None:
     """Edges that subjects had wrong; None where nobody says what they take the structure to be."""
-    record = material.record
-    if not 0 < record.num_rows <= MOST or "actions" not in record.column_names:
+    if not 0 < material.record.num_rows <= MOST:
         return None
     asked = material.once(_asked)
     if asked.empty:
