@@ -42,9 +42,9 @@ class Difference(NamedTuple):
     """A difference of means, with its interval (95%) and the p of a test that there is none."""
 
     value: float
-    low: float
-    high: float
-    p: float
+    low: float = math.nan
+    high: float = math.nan
+    p: float = math.nan
 
     def columns(self, name: str) -> dict[str, float]:
         """Columns of a table called after the difference: it, its interval and its p."""
@@ -100,22 +100,22 @@ def weighted_difference(
     from scipy.special import stdtr, stdtrit
 
     if not groups:
-        return Difference(math.nan, math.nan, math.nan, math.nan)
+        return Difference(math.nan)
     size, mean, variance, weight = np.array([group[:4] for group in groups], float).T
     value = math.fsum(weight * mean)  # what is equal has no difference of the last digits
     sides = [size[side].sum() for side in (weight > 0, weight < 0) if side.any()]
     if size.min() < 2 or min(sides) < LEAST_UNITS:
-        return Difference(value, math.nan, math.nan, math.nan)
+        return Difference(value)
     held = [group.values for group in groups]
     if all(map(len, held)) and alike(size.sum(), sum(mode(values)[1] for values in held)):
-        return Difference(value, math.nan, math.nan, _exact_p(groups))
+        return Difference(value, p=_exact_p(groups))
     freedom = size.sum() - len(size)
     if pooled:
         variance = np.full(len(size), (size - 1) @ variance / freedom)
     spread = weight**2 * variance / size
     error = math.sqrt(spread.sum())
     if not error > 0:  # published means without an error
-        return Difference(value, math.nan, math.nan, math.nan)
+        return Difference(value)
     df = freedom if pooled else spread.sum() ** 2 / (spread**2 / (size - 1)).sum()
     half = error * float(stdtrit(df, (1 + level) / 2))
     return Difference(value, value - half, value + half, float(2 * stdtr(df, -abs(value) / error)))
