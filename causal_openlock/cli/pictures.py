@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, TypeVar
 
 import typer
 
@@ -22,10 +23,7 @@ from causal_openlock.files.atomic import write_text
 from causal_openlock.files.escaping import csv_of
 from causal_openlock.wording import counted
 
-if TYPE_CHECKING:
-    from causal_openlock.contract.learner import Learner
-    from causal_openlock.experiment.declare import Condition, Protocol
-
+T = TypeVar("T")
 LearnerName = Annotated[str, typer.Option("--learner", "-l", help="The learner that plays.")]
 TrialNumber = Annotated[
     int, typer.Option("--trial", min=1, help="The trial, counted over the whole condition.")
@@ -75,6 +73,7 @@ def room(
 
 
 def _one_trial(
+    play: Callable[..., T],
     condition: str,
     learner: str,
     trial: int,
@@ -82,8 +81,8 @@ def _one_trial(
     seed: int | None,
     protocol: str | None,
     experiment: str,
-) -> tuple[tuple[Learner, Condition, Protocol], dict[str, Any]]:
-    """The arguments of ``play_trial`` and ``trace_trial``: positional ones, and named ones."""
+) -> T:
+    """One trial of a learner, as ``play_trial`` or ``trace_trial`` returns it."""
     from causal_openlock.contract.checks import failures_of
     from causal_openlock.contract.registry import create
     from causal_openlock.experiment.making import Changes, find_experiment, read_experiment
@@ -94,14 +93,16 @@ def _one_trial(
     )
     (entry,), (played,) = chosen.learners, chosen.conditions
     with failures_of(entry.name):
-        player = create(entry.learner, entry.parameters)
-    return (player, played, entry.protocol), {
-        "trial": trial,
-        "subject": subject,
-        "seed": chosen.seed,
-        "reward": entry.reward,
-        "label": entry.name,
-    }
+        return play(
+            create(entry.learner, entry.parameters),
+            played,
+            entry.protocol,
+            trial=trial,
+            subject=subject,
+            seed=chosen.seed,
+            reward=entry.reward,
+            label=entry.name,
+        )
 
 
 def film(
@@ -130,15 +131,13 @@ def film(
 
     The film is a GIF or MP4; a PNG or SVG is its last moment.
     """
-    from causal_openlock.contract.checks import failures_of
     from causal_openlock.render import STILLS
     from causal_openlock.render.film import check_suffix, play_trial, recorded_trial, save_film
 
     path = check_suffix(out or Path(f"film_{Path(condition).stem}_{learner.split(':')[-1]}.gif"))
     if recorded is None:
-        who, how = _one_trial(condition, learner, trial, subject, seed, protocol, experiment)
-        with failures_of(how["label"]):
-            played = play_trial(*who, **how)
+        asked = (condition, learner, trial, subject, seed, protocol, experiment)
+        played = _one_trial(play_trial, *asked)
     elif seed is not None or protocol is not None or experiment != "default":
         raise OpenLockError(
             "--from shows what was recorded; leave out --seed, --protocol and --experiment, "
@@ -190,13 +189,12 @@ def trace(
     from causal_openlock.analysis.plots import style
     from causal_openlock.analysis.plots.belief import plot_trace
     from causal_openlock.belief.trace import trace_text, trace_trial
-    from causal_openlock.contract.checks import failures_of
     from causal_openlock.render import path_of_picture
 
-    who, how = _one_trial(condition, learner, trial, subject, seed, protocol, experiment)
-    path = path_of_picture(out or Path(f"trace_{who[1].name}.svg"))
-    with failures_of(how["label"]):
-        traced = trace_trial(*who, **how)
+    path = path_of_picture(out) if out else None
+    asked = (condition, learner, trial, subject, seed, protocol, experiment)
+    traced = _one_trial(trace_trial, *asked)
+    path = path or Path(f"trace_{traced.condition}.svg")
     for line in trace_text(traced, attempts):
         say(line)
     figure = Figure()
