@@ -116,7 +116,6 @@ class Lever:
         self.track = track
         self.locked = True
         self._latch: pymunk.PivotJoint | None = None
-        self._latched_out = False
         walls = space.static_body
         if not active:
             self.body = walls
@@ -154,9 +153,8 @@ class Lever:
 
     def latch(self) -> None:
         """Hold it at the end of the track that it is nearer to from now on."""
-        if self._latch is not None and self.pushed != self._latched_out:
-            self._latched_out = not self._latched_out
-            self._latch.anchor_a = self.track.end if self._latched_out else self.track.start
+        if self._latch is not None:
+            self._latch.anchor_a = self.track.end if self.pushed else self.track.start
 
 
 class Door:
