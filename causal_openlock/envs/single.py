@@ -152,18 +152,18 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
 
     def _begin_trial(self) -> None:
         before, rules = self._layout, self.settings
-        drawn = rules.layout or Layout.random(rules.schema, self.np_random, rules.positions)
-        self._layout = drawn
-        if self._layout != before:
+        layout = rules.layout or Layout.random(rules.schema, self.np_random, rules.positions)
+        self._layout = layout
+        if layout != before:
             # The observation at each row, and the tables' column of each action.
-            lever, positions = self._layout.lever_at().tolist(), self._layout.positions
+            lever, positions = layout.lever_at().tolist(), layout.positions
             self._column = [*lever, *(positions + place for place in lever), 2 * positions]
-            self._observations = [*self._layout.observations(self._fsm, self._lists.tables.state)]
+            self._observations = [*layout.observations(self._fsm, self._lists.tables.state)]
         if self._movements:
             from causal_openlock.physics.room import PhysicalRoom
 
             watch = self._bodies.watch if self._bodies else None
-            self._bodies = PhysicalRoom(self._fsm, self._layout)
+            self._bodies = PhysicalRoom(self._fsm, layout)
             self._bodies.watch = watch
         self._attempts_left = self.settings.attempt_limit
         self._found: set[int] = set()
@@ -219,12 +219,8 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         assert self._bodies
         assert self._movements
         movement, tables = self._bodies.act(action, yields), self._lists.tables
-        unfinished = self._movements["unfinished"] + (not movement.finished)
-        self._movements = {
-            "finished": movement.finished,
-            "steps": movement.steps,
-            "unfinished": unfinished,
-        }
+        self._movements |= {"finished": movement.finished, "steps": movement.steps}
+        self._movements["unfinished"] += not movement.finished
         used = tables.used == tables.used[self._row] + 1
         after = np.flatnonzero(used & (tables.state == self._bodies.state))
         (happened,) = events_of(tables, self._fsm, np.array([self._row]), after).tolist()
