@@ -54,8 +54,7 @@ def frame(positions: int, size: int) -> Frame:
         ExperimentError: If no room has this number of positions.
     """
     geometry = RoomGeometry.of(positions)
-    reach = max(abs(x) for track in geometry.tracks for x in track.end) + BAR_WIDTH / 2
-    half = max(reach, 3.5) + MARGIN
+    half = max(abs(x) for track in geometry.tracks for x in track.end) + BAR_WIDTH / 2 + MARGIN
     right = max(geometry.door_end(DOOR_SWING)[0], button(positions).x + 0.4) + MARGIN
     scale = size / (2 * half)
     return Frame(-half, half, scale, round((half + right) * scale), size)
