@@ -71,16 +71,14 @@ export class Room {
     const group = make("g", { transform: at, "aria-hidden": "true" }, this.svg);
     const middle = -track.travel / 2, inner = half, outer = -track.travel - half;
     const box = { x: -wide / 2, width: wide, class: "track" };
-    const tracks = [
-      make("rect", { ...box, y: outer, height: middle - outer }, group),
-      make("rect", { ...box, y: middle, height: inner - middle }, group),
-    ];
+    make("rect", { ...box, y: outer, height: middle - outer }, group);
+    make("rect", { ...box, y: middle, height: inner - middle }, group);
     const bar = make("rect", { x: -g.bar_length / 2, y: -half, width: g.bar_length, height: 2 * half, class: "bar" }, group);
     // The number stands upright, beside the outer end of the track.
     const [nx, ny] = along(track.start, track.outward, track.travel + 0.42);
     const number = make("text", { x: nx, y: -ny, class: "number", "aria-hidden": "true" }, this.svg);
     number.textContent = place + 1;
-    return { at, bar, tracks, number };
+    return { at, group, bar, number };
   }
 
   drawDoor() {
@@ -144,21 +142,17 @@ export class Room {
   // Draw what is seen, at once.
   show(bits) {
     const n = this.many;
-    for (let place = 0; place < n; place++) {
-      const { bar, tracks } = this.levers[place];
-      for (const part of [bar, ...tracks]) part.classList.remove("grey", "white");
-      for (const part of [bar, ...tracks]) part.classList.add(bits[n + place] ? "grey" : "white");
-      this.slide(place, bits[place]);
-    }
-    this.lock.style.display = bits[2 * n] ? "" : "none";
-    this.swing(bits[2 * n + 1]);
     this.geometry.names.forEach((name, place) => {
-      const described = `lever ${place + 1}, ${name}, ${bits[n + place] ? "grey" : "white"}, ${bits[place] ? "pushed" : "pulled"}`;
+      const colour = bits[n + place] ? "grey" : "white";
+      this.levers[place].group.setAttribute("class", colour);
+      this.slide(place, bits[place]);
+      const described = `lever ${place + 1}, ${name}, ${colour}, ${bits[place] ? "pushed" : "pulled"}`;
       this.targets[place].setAttribute("aria-label", `Push ${described}`);
       this.targets[n + place].setAttribute("aria-label", `Pull ${described}`);
     });
-    const lock = bits[2 * n] ? "locked" : "unlocked";
-    this.targets[2 * n].setAttribute("aria-label", `Push the door, ${lock}`);
+    this.lock.style.display = bits[2 * n] ? "" : "none";
+    this.swing(bits[2 * n + 1]);
+    this.targets[2 * n].setAttribute("aria-label", `Push the door, ${bits[2 * n] ? "locked" : "unlocked"}`);
   }
 
   slide(place, share) {
