@@ -9,7 +9,6 @@ const STORED = "locked-room";
 const KEYS = ["Digit1", "Digit2", "Digit3", "Digit4", "Digit5", "Digit6", "Digit7", "Digit8", "Digit9", "Digit0", "Minus", "Equal"];
 const LONGEST = 24 * 60 * 60 * 1000; // the longest reaction that is sent
 const LOOK = 900; // milliseconds to look at how an attempt ended
-const SCREENS = ["consent", "intro", "ask", "play", "end", "trouble"];
 
 let session = null, brief = null, state = null, room = null;
 let busy = true, ready = 0;
@@ -90,7 +89,7 @@ function recruited() {
 
 function screen(name, where = "") {
   $("where").textContent = where;
-  for (const other of SCREENS) $(other).hidden = other !== name;
+  for (const main of document.querySelectorAll("main")) main.hidden = main.id !== name;
   $("help").hidden = name !== "play";
   const heading = $(name).querySelector("h2");
   if (name !== "play" && heading) {
@@ -163,26 +162,25 @@ function pause(title, text, button, covered = false) {
   $("pause-text").textContent = text;
   $("pause-go").textContent = button;
   $("pause").classList.toggle("covered", covered);
-  $("pause").hidden = false;
   $("help").disabled = false;
-  for (const part of ["room", "practice"]) $(part).inert = true;
+  paused(true);
   $("pause-go").focus();
   return new Promise((done) => {
     $("pause-go").onclick = () => {
-      uncover();
+      paused(false);
       done();
     };
   });
 }
 
-function uncover() {
-  $("pause").hidden = true;
-  for (const part of ["room", "practice"]) $(part).inert = false;
+function paused(now) {
+  $("pause").hidden = !now;
+  for (const part of ["room", "practice"]) $(part).inert = now;
 }
 
 // Show the state as it is, from nothing.
 async function enter() {
-  uncover();
+  paused(false);
   if (state.stage === "question") return question();
   if (state.stage === "end") return end();
   room = new Room($("room"), brief.geometry[state.positions], act);
