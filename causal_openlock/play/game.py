@@ -112,9 +112,7 @@ class Game:
         if turn.turn != self.turn:
             return False
         if turn.edges is not None:
-            return self._question is not None and set(turn.edges) <= {
-                *_pairs(self._question, self._door)
-            }
+            return self._question is not None and {*turn.edges} <= {*self._pairs()}
         if turn.action is None:
             return self._practice is not None
         session = self._playing
@@ -151,7 +149,7 @@ class Game:
             "visit": self.trials_over,
             "time": self._seconds,
         }
-        for cause, effect in _pairs(self._question or (), self._door):
+        for cause, effect in self._pairs():
             pair = {"cause": cause, "effect": effect, "enables": (cause, effect) in edges}
             self.answers.append(about | pair)
         self._question = None
@@ -184,6 +182,11 @@ class Game:
                     self._question = tuple(np.flatnonzero(grey).tolist())
         return said
 
+    def _pairs(self) -> list[tuple[int, int]]:
+        """Each lever that is asked about with each other one and the door, in order."""
+        levers = self._question or ()
+        return [pair for pair in product(levers, (*levers, self._door)) if pair[0] != pair[1]]
+
     @property
     def _playing(self) -> Session:
         """The session of the room that the person is in."""
@@ -193,11 +196,6 @@ class Game:
     def _door(self) -> int:
         """The number that answers give the door: that of the positions of levers."""
         return self.session.brief.positions
-
-
-def _pairs(levers: Sequence[int], door: int) -> list[tuple[int, int]]:
-    """Each of these levers with each other one and the door, in order."""
-    return [pair for pair in product(levers, (*levers, door)) if pair[0] != pair[1]]
 
 
 def _room(session: Session) -> Answer:
