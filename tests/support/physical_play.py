@@ -52,12 +52,11 @@ def _size(geometry):
     return max(5 * geometry.link, *doors, *levers) + geometry.half_width
 
 
-def effects(room, each):
-    """Sequences of three actions that have every sequence of effects that three actions can have.
+def effects(room):
+    """A sequence of three actions for every sequence of effects that three actions can have.
 
     Two sequences have the same effects if the same levers move at the same moments; they differ in
-    where the arm goes to no effect.
-    For the same effects there are at most ``each``, drawn by a fixed seed.
+    where the arm goes to no effect. Of these one is drawn by a fixed seed.
     """
     generator = np.random.default_rng(0)
     chosen = {}
@@ -68,7 +67,5 @@ def effects(room, each):
             after = int(room.next_state[state, action])
             told.append(action if after != state else -1)
             state = after
-        same = chosen.setdefault(tuple(told), [])
-        if len(same) < each:
-            same.append(sequences[index])
-    return sorted(sequence for same in chosen.values() for sequence in same)
+        chosen.setdefault(tuple(told), sequences[index])
+    return sorted(chosen.values())
