@@ -2,11 +2,9 @@
 
 from itertools import pairwise
 
-import gymnasium
 import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
-from gymnasium.utils.env_checker import check_env
 
 from causal_openlock.envs import OpenLockEnv
 from support.env_play import DOOR, EPISODES, L0, L1, SOLUTIONS, WHITE, act, trial7
@@ -54,11 +52,6 @@ def test_a_learner_sees_and_earns_the_same_with_and_without_bodies(schema, episo
             seen, info = symbolic.reset()
             same_but_for_physics(physical.reset(), (seen, info))
     assert moved > 5
-
-
-def test_gymnasium_checks_it():
-    made = gymnasium.make("causal_openlock/OpenLock-v0", physics=True, render_mode="rgb_array")
-    check_env(made.unwrapped)
 
 
 def test_a_movement_that_is_not_finished_is_told_counted_and_not_paid():
