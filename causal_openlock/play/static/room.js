@@ -23,11 +23,8 @@ const ease = (share) => (share < 0.5 ? 2 * share * share : 1 - 2 * (1 - share) *
 const degrees = (radians) => (radians * 180) / Math.PI;
 
 // Call frame(share) with shares that grow from 0 to 1.
-function animate(duration, frame) {
-  if (still.matches || document.hidden) {
-    frame(1);
-    return Promise.resolve();
-  }
+async function animate(duration, frame) {
+  if (still.matches || document.hidden) return frame(1);
   return new Promise((done) => {
     const began = performance.now();
     const tick = (now) => {
