@@ -124,25 +124,15 @@ def draw_layouts(
 
 
 @cache
-def trials_of(condition: Condition, protocol: Protocol) -> int:
-    """How many trials each subject has.
+def phases_of(condition: Condition, protocol: Protocol) -> tuple[str, ...]:
+    """The phases of the trials that each subject has, in order.
 
     >>> from causal_openlock.experiment.declare import PROTOCOLS, find_condition
-    >>> trials_of(find_condition("CC3-CC4"), PROTOCOLS["human"])
-    7
+    >>> phases = phases_of(find_condition("shown-CC3-CC4"), PROTOCOLS["human"])
+    >>> len(phases), phases.count(SHOWN)
+    (7, 6)
     """
-    return len(plan(condition, protocol, np.random.default_rng(0)))
-
-
-def shown_trials(condition: Condition, protocol: Protocol) -> int:
-    """How many trials each subject is shown before it plays.
-
-    >>> from causal_openlock.experiment.declare import PROTOCOLS, find_condition
-    >>> shown_trials(find_condition("shown-CC3-CC4"), PROTOCOLS["human"])
-    6
-    """
-    visits = plan(condition, protocol, np.random.default_rng(0)) if condition.shown else []
-    return sum(visit.phase == SHOWN for visit in visits)
+    return tuple(visit.phase for visit in plan(condition, protocol, np.random.default_rng(0)))
 
 
 def check_trial(trial: int, trials: int, where: str) -> None:

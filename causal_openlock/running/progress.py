@@ -18,7 +18,7 @@ from statistics import mean
 from typing import NamedTuple
 
 from causal_openlock.experiment.declare import Cell
-from causal_openlock.experiment.plan import trials_of
+from causal_openlock.experiment.plan import phases_of
 from causal_openlock.storage.beside_cell import failures_of, reported_progress
 from causal_openlock.storage.store import Store, StoredExperiment
 
@@ -100,7 +100,7 @@ def paces_of(playing: Iterable[Playing]) -> dict[str, float]:
 def work(cell: Cell) -> int:
     """The work in a cell: the most attempts that it can have."""
     protocol = cell.spec.protocol
-    return cell.subjects * trials_of(cell.condition, protocol) * protocol.attempt_limit
+    return cell.subjects * len(phases_of(cell.condition, protocol)) * protocol.attempt_limit
 
 
 def status_of(

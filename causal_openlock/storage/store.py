@@ -31,7 +31,7 @@ from pydantic import AliasChoices, Field, ValidationError
 from causal_openlock.errors import OpenLockError, StoreError, in_short
 from causal_openlock.experiment.beside_record import unwritten_actions
 from causal_openlock.experiment.declare import Cell, Experiment
-from causal_openlock.experiment.plan import trials_of
+from causal_openlock.experiment.plan import phases_of
 from causal_openlock.experiment.record import record_schema
 from causal_openlock.files import checksums
 from causal_openlock.files.atomic import folder_at, is_empty, unwritable, write_bytes
@@ -238,7 +238,7 @@ class Store:
             return "missing"
         try:
             begun = self.read(path)["attempt"].to_numpy() == 1
-            if begun.sum() != cell.subjects * trials_of(cell.condition, cell.spec.protocol):
+            if begun.sum() != cell.subjects * len(phases_of(cell.condition, cell.spec.protocol)):
                 raise _damaged(path, "trials are missing")
         except StoreError as error:
             return str(error).rpartition("; ")[0]  # the remedy: its cell is run again anyway

@@ -18,8 +18,8 @@ from causal_openlock.analysis.measures import CELL, VISIT, ordered
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.contract.registry import create, is_ours, learner_class, origin
 from causal_openlock.errors import NothingToDrawError, OpenLockError
-from causal_openlock.experiment.declare import LearnerSpec
-from causal_openlock.experiment.plan import shown_trials
+from causal_openlock.experiment.declare import SHOWN, LearnerSpec
+from causal_openlock.experiment.plan import phases_of
 from causal_openlock.files.validation import whole_number
 from causal_openlock.storage.versions import other_versions
 from causal_openlock.version import RESULTS_VERSION
@@ -104,7 +104,7 @@ def replayed(
         believer,
         rooms[condition],
         spec.protocol,
-        trial=trial + shown_trials(rooms[condition], spec.protocol),
+        trial=trial + phases_of(rooms[condition], spec.protocol).count(SHOWN),
         subject=subject,
         seed=int(row["seed"]),
         # A user's own code is not run to read results; learners with beliefs ignore rewards.

@@ -35,8 +35,8 @@ from causal_openlock.contract.learner import Learner, Structure
 from causal_openlock.contract.registry import create, parse_parameters
 from causal_openlock.errors import NothingToDrawError, OpenLockError
 from causal_openlock.experiment.beside_record import read_answers
-from causal_openlock.experiment.declare import Condition, LearnerSpec
-from causal_openlock.experiment.plan import shown_trials
+from causal_openlock.experiment.declare import SHOWN, Condition, LearnerSpec
+from causal_openlock.experiment.plan import phases_of
 from causal_openlock.experiment.record import PHASES
 from causal_openlock.experiment.session import AT_ONCE, Session
 from causal_openlock.schemas.schema import DOOR, Schema
@@ -213,7 +213,7 @@ def _answered(results: Material, pairs: pd.DataFrame) -> list[dict[str, Any]]:
     protocol = next(o.protocol for o in results.experiment.learners if o.name == about["learner"])
     trials = results.trials.astype({"learner": str, "condition": str})
     own = trials.merge(pairs[["learner", "condition", "subject"]].head(1)).sort_values(VISIT)
-    trial = about["visit"] - shown_trials(condition, protocol)
+    trial = about["visit"] - phases_of(condition, protocol).count(SHOWN)
     if not 1 <= trial <= len(own):
         return []
     row = own.iloc[trial - 1]
