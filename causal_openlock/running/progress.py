@@ -10,7 +10,6 @@ seconds that each learner takes for one. No result depends on it.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
@@ -80,12 +79,8 @@ def progress_of(
 
 def playing_in(store: Store, cells: Iterable[Cell]) -> list[Playing]:
     """Those of some cells that have reported their progress."""
-    playing = []
-    for cell in cells:
-        if report := reported_progress(store.path(cell)):
-            still = max(0.0, time.time() - report[0] / 1e9)
-            playing.append(Playing(cell, report[1], report[2] + still, still))
-    return playing
+    reports = ((cell, reported_progress(store.path(cell))) for cell in cells)
+    return [Playing(cell, *report) for cell, report in reports if report]
 
 
 def paces_of(playing: Iterable[Playing]) -> dict[str, float]:

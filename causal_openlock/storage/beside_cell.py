@@ -6,6 +6,7 @@ record with another ending. Why it failed is in ``errors``: a sentence, the trac
 
 from __future__ import annotations
 
+import time
 from collections.abc import Collection
 from contextlib import suppress
 from pathlib import Path
@@ -26,13 +27,14 @@ def report_progress(record: Path, share: float, seconds: float) -> None:
         record.with_suffix(PROGRESS).write_text(f"{share:.4f} {seconds:.1f}", encoding="utf-8")
 
 
-def reported_progress(record: Path) -> tuple[int, float, float] | None:
-    """Time of a cell's last report, in nanoseconds; the share that is done; the seconds."""
+def reported_progress(record: Path) -> tuple[float, float, float] | None:
+    """Share of a cell that is done, seconds since it began, and seconds since it said so."""
     path = record.with_suffix(PROGRESS)
     with suppress(OSError, ValueError):  # just written, or just removed
         share, seconds = map(float, path.read_text(encoding="utf-8").split())
         if 0.0 <= share <= 1.0 and 0.0 <= seconds <= MOST_SECONDS:  # no NaN, either
-            return path.stat().st_mtime_ns, share, seconds
+            still = max(0.0, time.time() - path.stat().st_mtime)
+            return share, seconds + still, still
     return None
 
 
