@@ -34,11 +34,11 @@ from .experiment.making import make_experiment as make_experiment
 from .experiment.making import sweep as sweep
 from .experiment.making import find_experiment as find_experiment
 from .experiment.making import read_experiment as read_experiment
-from .experiment.declare import PROTOCOLS as PROTOCOLS
-from .experiment.declare import Condition as Condition
-from .experiment.declare import Protocol as Protocol
-from .experiment.declare import Trials as Trials
-from .experiment.declare import find_condition as find_condition
+from .experiment.protocol import PROTOCOLS as PROTOCOLS
+from .experiment.condition import Condition as Condition
+from .experiment.protocol import Protocol as Protocol
+from .experiment.condition import Trials as Trials
+from .experiment.condition import find_condition as find_condition
 from .running.runner import run as run
 from .experiment.session import Session as Session
 

@@ -18,8 +18,10 @@ from pydantic import Field, model_validator
 
 from causal_openlock.contract.parameters import Count
 from causal_openlock.errors import EvidenceError
-from causal_openlock.experiment.declare import PAPER_CONDITIONS, Experiment, Name
+from causal_openlock.experiment.condition import PAPER_CONDITIONS
+from causal_openlock.experiment.declare import Experiment
 from causal_openlock.experiment.making import code_named, read_experiment
+from causal_openlock.experiment.protocol import Name
 from causal_openlock.files.checksums import digest
 from causal_openlock.files.validation import StrictModel, present
 from causal_openlock.files.yaml_file import read_document

@@ -15,7 +15,7 @@ import pandas as pd
 import pyarrow as pa
 
 from causal_openlock.errors import StoreError
-from causal_openlock.experiment.declare import PAPER_CONDITIONS
+from causal_openlock.experiment.condition import PAPER_CONDITIONS
 from causal_openlock.experiment.record import CATEGORIES, PHASES, played
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.wording import counted

@@ -30,8 +30,9 @@ from causal_openlock.belief.structure_schemas import (
 )
 from causal_openlock.contract.learner import Learner, Step
 from causal_openlock.errors import LearnerError
-from causal_openlock.experiment.declare import Condition, Protocol
+from causal_openlock.experiment.condition import Condition
 from causal_openlock.experiment.plan import check_trial
+from causal_openlock.experiment.protocol import Protocol
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.schemas.schema import DOOR, Schema

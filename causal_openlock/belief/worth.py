@@ -29,7 +29,7 @@ from causal_openlock.belief.placements import TooLargeError, mixture
 from causal_openlock.belief.structure_schemas import schema_of, structure_of
 from causal_openlock.belief.structures import Structures, merge
 from causal_openlock.errors import OpenLockError
-from causal_openlock.experiment.declare import MAX_ACTION_LIMIT, default_action_limit
+from causal_openlock.experiment.protocol import MAX_ACTION_LIMIT, default_action_limit
 from causal_openlock.files.validation import whole_number
 from causal_openlock.schemas.finding import schema as declared
 from causal_openlock.schemas.fsm import FloatArray, IntArray

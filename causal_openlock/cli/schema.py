@@ -69,7 +69,7 @@ def check(
 ) -> None:
     """Check schemas: their faults, and which learners cannot play them."""
     from causal_openlock.contract.registry import learner_class
-    from causal_openlock.experiment.declare import default_action_limit
+    from causal_openlock.experiment.protocol import default_action_limit
 
     faults = []
     for given in names:

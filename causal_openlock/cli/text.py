@@ -24,7 +24,8 @@ def text(
     """Play in words, in the terminal, as a language model does."""
     import numpy as np
 
-    from causal_openlock.experiment.declare import find_condition, find_protocol
+    from causal_openlock.experiment.condition import find_condition
+    from causal_openlock.experiment.protocol import find_protocol
     from causal_openlock.experiment.session import Session
     from causal_openlock.render.words import Wording, feedback, room_now
 

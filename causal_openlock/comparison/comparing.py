@@ -20,7 +20,8 @@ from typing import TYPE_CHECKING, Any
 
 from causal_openlock.comparison.progress_bar import Show, shown
 from causal_openlock.errors import CellsFailed, ExperimentError, Interrupted, OpenLockError
-from causal_openlock.experiment.declare import Condition, Experiment, find_condition
+from causal_openlock.experiment.condition import Condition, find_condition
+from causal_openlock.experiment.declare import Experiment
 from causal_openlock.experiment.making import (
     Changes,
     ConditionForm,

@@ -9,7 +9,7 @@ from typing import Any, Literal
 from gymnasium import spaces
 
 from causal_openlock.errors import ExperimentError, OpenLockError
-from causal_openlock.experiment.declare import MAX_ACTION_LIMIT, default_action_limit
+from causal_openlock.experiment.protocol import MAX_ACTION_LIMIT, default_action_limit
 from causal_openlock.files.validation import whole_number
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.schemas.schema import Schema

@@ -33,19 +33,10 @@ import numpy as np
 from causal_openlock.contract.learner import LearnerBase
 from causal_openlock.contract.registry import file_that_runs, name_of
 from causal_openlock.errors import LearnerError, OpenLockError, together
-from causal_openlock.experiment.declare import (
-    HUMAN_PROTOCOL,
-    SHOWN,
-    AnyLearner,
-    Condition,
-    Experiment,
-    LearnerSpec,
-    Protocol,
-    Seed,
-    Subjects,
-    points,
-)
+from causal_openlock.experiment.condition import SHOWN, Condition
+from causal_openlock.experiment.declare import AnyLearner, Experiment, LearnerSpec, points
 from causal_openlock.experiment.plan import plan
+from causal_openlock.experiment.protocol import HUMAN_PROTOCOL, Protocol, Seed, Subjects
 from causal_openlock.files.validation import Part, known_arguments, part, plain, present, read
 from causal_openlock.files.yaml_file import Document, read_document
 from causal_openlock.schemas.finding import bundled, bundled_schemas

@@ -12,15 +12,10 @@ import numpy as np
 
 from causal_openlock.contract.registry import parse_parameters
 from causal_openlock.errors import ExperimentError
-from causal_openlock.experiment.declare import (
-    SHOWN,
-    Condition,
-    Experiment,
-    LayoutSource,
-    Protocol,
-    Trials,
-)
+from causal_openlock.experiment.condition import SHOWN, Condition, Trials
+from causal_openlock.experiment.declare import Experiment
 from causal_openlock.experiment.origin import answer_of
+from causal_openlock.experiment.protocol import LayoutSource, Protocol
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.wording import counted
 from causal_openlock.world.room import Layout, positions_for, published_layouts
@@ -127,7 +122,7 @@ def draw_layouts(
 def phases_of(condition: Condition, protocol: Protocol) -> tuple[str, ...]:
     """The phases of the trials that each subject has, in order.
 
-    >>> from causal_openlock.experiment.declare import PROTOCOLS, find_condition
+    >>> from causal_openlock import PROTOCOLS, find_condition
     >>> phases = phases_of(find_condition("shown-CC3-CC4"), PROTOCOLS["human"])
     >>> len(phases), phases.count(SHOWN)
     (7, 6)

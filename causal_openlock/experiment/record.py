@@ -13,7 +13,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from causal_openlock.experiment.declare import SHOWN
+from causal_openlock.experiment.condition import SHOWN
 from causal_openlock.schemas.fsm import BoolArray, IntArray
 
 CATEGORIES = ("else", "unlock", "open1", "open2", "open3")

@@ -17,8 +17,10 @@ import pyarrow as pa
 
 from causal_openlock.contract.learner import Brief, InformedLearner, Learner, Step, Truth, View
 from causal_openlock.errors import ExperimentError, LearnerError
-from causal_openlock.experiment.declare import Cell, Condition, Protocol
+from causal_openlock.experiment.condition import Condition
+from causal_openlock.experiment.declare import Cell
 from causal_openlock.experiment.plan import plan
+from causal_openlock.experiment.protocol import Protocol
 from causal_openlock.experiment.record import AttemptLog, assemble
 from causal_openlock.schemas.fsm import BoolArray, IntArray
 from causal_openlock.world import kernel

@@ -21,7 +21,7 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock.errors import LearnerError, OpenLockError
-from causal_openlock.experiment.declare import SHOWN
+from causal_openlock.experiment.condition import SHOWN
 from causal_openlock.files.atomic import write_bytes
 from causal_openlock.files.checksums import digest, json_bytes
 from causal_openlock.fitting.plan import Chosen, Plan

@@ -35,7 +35,8 @@ from causal_openlock.analysis.plots import style
 from causal_openlock.comparison.progress_bar import counting
 from causal_openlock.contract.checks import failures_of
 from causal_openlock.contract.registry import create
-from causal_openlock.experiment.declare import PAPER_CONDITIONS, PROTOCOLS, find_condition
+from causal_openlock.experiment.condition import PAPER_CONDITIONS, find_condition
+from causal_openlock.experiment.protocol import PROTOCOLS
 from causal_openlock.experiment.session import Session
 from causal_openlock.files.atomic import write_bytes, write_text
 from causal_openlock.files.checksums import json_bytes

@@ -14,17 +14,10 @@ from typing import Literal
 
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.beside_record import REACTIONS, write_reactions
-from causal_openlock.experiment.declare import (
-    SHOWN,
-    Cell,
-    Condition,
-    Experiment,
-    LearnerSpec,
-    Name,
-    find_condition,
-    find_protocol,
-)
+from causal_openlock.experiment.condition import SHOWN, Condition, find_condition
+from causal_openlock.experiment.declare import Cell, Experiment, LearnerSpec
 from causal_openlock.experiment.making import find_experiment, read_experiment
+from causal_openlock.experiment.protocol import Name, find_protocol
 from causal_openlock.experiment.record import played
 from causal_openlock.files.atomic import folder_at, is_empty, move_into
 from causal_openlock.files.validation import read

@@ -23,7 +23,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field
 
 from causal_openlock.errors import OpenLockError
-from causal_openlock.experiment.declare import MISSING
+from causal_openlock.experiment.protocol import MISSING
 from causal_openlock.experiment.record import record_schema
 from causal_openlock.files.validation import Part, part, read
 

@@ -16,7 +16,8 @@ import pyarrow as pa
 
 from causal_openlock.contract.learner import Step
 from causal_openlock.errors import OpenLockError
-from causal_openlock.experiment.declare import SHOWN, Cell
+from causal_openlock.experiment.condition import SHOWN
+from causal_openlock.experiment.declare import Cell
 from causal_openlock.experiment.plan import Visit, plan
 from causal_openlock.experiment.record import with_times
 from causal_openlock.experiment.session import Session

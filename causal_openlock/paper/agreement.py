@@ -31,7 +31,7 @@ from causal_openlock.analysis.topics.learning import (
     matrix,
     shares,
 )
-from causal_openlock.experiment.declare import PROTOCOLS
+from causal_openlock.experiment.protocol import PROTOCOLS
 from causal_openlock.paper.published import paper_ddqn
 from causal_openlock.schemas.fsm import FloatArray
 

@@ -12,7 +12,9 @@ import pandas as pd
 
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.references import POINT_COLUMNS, Reference
-from causal_openlock.experiment.declare import HUMAN_PROTOCOL, PROTOCOLS, Condition, LearnerSpec
+from causal_openlock.experiment.condition import Condition
+from causal_openlock.experiment.declare import LearnerSpec
+from causal_openlock.experiment.protocol import HUMAN_PROTOCOL, PROTOCOLS
 from causal_openlock.paper import published
 from causal_openlock.world import facts
 

@@ -32,7 +32,7 @@ except ModuleNotFoundError as _missing:
         "'causal-openlock[mcp]'"
     ) from None
 
-from causal_openlock.experiment.declare import NAME_FORM, NAME_IN_WORDS
+from causal_openlock.experiment.protocol import NAME_FORM, NAME_IN_WORDS
 from causal_openlock.experiment.session import Session
 from causal_openlock.play.game import Game, Refused
 from causal_openlock.play.people import People

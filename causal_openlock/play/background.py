@@ -11,7 +11,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from causal_openlock.experiment.declare import Condition, Trials, find_condition, find_protocol
+from causal_openlock.experiment.condition import Condition, Trials, find_condition
+from causal_openlock.experiment.protocol import find_protocol
 from causal_openlock.files.validation import whole_number
 from causal_openlock.play.people import People
 from causal_openlock.play.server import PlayServer
@@ -72,8 +73,8 @@ def serve(
     Each path of the address, such as ``opened.url + "first"``, is a subject.
 
     Args:
-        conditions: Anything that :func:`~causal_openlock.experiment.declare.find_condition` takes;
-            subjects are dealt among them.
+        conditions: Anything that :func:`~causal_openlock.experiment.condition.find_condition`
+            takes; subjects are dealt among them.
         label: What tables call the agent.
         out: Folder for what is done; by default a temporary one.
         protocol: The budgets.

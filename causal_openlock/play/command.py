@@ -81,7 +81,8 @@ def play(
     People in a folder that exists continue where they stopped.
     """
     from causal_openlock.comparison.console import Terminal
-    from causal_openlock.experiment.declare import find_condition, find_protocol
+    from causal_openlock.experiment.condition import find_condition
+    from causal_openlock.experiment.protocol import find_protocol
     from causal_openlock.play.people import People
     from causal_openlock.play.server import PlayServer
 

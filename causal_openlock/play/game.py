@@ -17,7 +17,9 @@ import numpy as np
 
 from causal_openlock.contract.learner import Step
 from causal_openlock.errors import OpenLockError
-from causal_openlock.experiment.declare import Cell, Condition, Protocol, Trials
+from causal_openlock.experiment.condition import Condition, Trials
+from causal_openlock.experiment.declare import Cell
+from causal_openlock.experiment.protocol import Protocol
 from causal_openlock.experiment.session import Session
 from causal_openlock.play.log import Joined, Turn
 from causal_openlock.play.person import LABEL

@@ -33,8 +33,10 @@ from causal_openlock.experiment.beside_record import (
     write_answers,
     write_reactions,
 )
-from causal_openlock.experiment.declare import AGENT, PERSON, Cell, Condition, Experiment, Protocol
+from causal_openlock.experiment.condition import Condition
+from causal_openlock.experiment.declare import AGENT, PERSON, Cell, Experiment
 from causal_openlock.experiment.plan import plan
+from causal_openlock.experiment.protocol import Protocol
 from causal_openlock.experiment.record import with_times
 from causal_openlock.files.atomic import sweep, write_text
 from causal_openlock.files.checksums import digest

@@ -49,7 +49,8 @@ def serve(
     Over stdio one subject plays, and the agent starts this command; with --http each path of the
     address is a subject. What was played stands beside learners: compare ... --beside FOLDER.
     """
-    from causal_openlock.experiment.declare import find_condition, find_protocol
+    from causal_openlock.experiment.condition import find_condition
+    from causal_openlock.experiment.protocol import find_protocol
     from causal_openlock.play.agents import http_server, options_of, serve_stdio
     from causal_openlock.play.people import People
 

@@ -25,8 +25,10 @@ from PIL import Image
 
 from causal_openlock.contract.learner import Learner
 from causal_openlock.errors import OpenLockError, StoreError
-from causal_openlock.experiment.declare import SHOWN, Condition, LearnerSpec, Protocol
+from causal_openlock.experiment.condition import SHOWN, Condition
+from causal_openlock.experiment.declare import LearnerSpec
 from causal_openlock.experiment.plan import check_trial
+from causal_openlock.experiment.protocol import Protocol
 from causal_openlock.experiment.session import Session
 from causal_openlock.files.atomic import replacing
 from causal_openlock.physics.geometry import Pose

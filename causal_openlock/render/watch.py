@@ -18,8 +18,9 @@ from causal_openlock.belief.belief_learner import BeliefLearner
 from causal_openlock.belief.trace import Moment, Trace, trace_trial
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import ExperimentError
-from causal_openlock.experiment.declare import Condition, Protocol
+from causal_openlock.experiment.condition import Condition
 from causal_openlock.experiment.making import ConditionForm, LearnerForm, make_experiment
+from causal_openlock.experiment.protocol import Protocol
 from causal_openlock.files.validation import whole_number
 from causal_openlock.render.film import FilmedTrial, Shot, pauses, play_trial, save_film
 from causal_openlock.schemas.schema import DOOR

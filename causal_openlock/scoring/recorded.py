@@ -19,7 +19,8 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from causal_openlock.errors import StoreError
-from causal_openlock.experiment.declare import SHOWN, Experiment, LearnerSpec
+from causal_openlock.experiment.condition import SHOWN
+from causal_openlock.experiment.declare import Experiment, LearnerSpec
 from causal_openlock.experiment.session import AT_ONCE, Session, padded
 from causal_openlock.schemas.fsm import BoolArray, IntArray
 

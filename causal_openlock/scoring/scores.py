@@ -25,7 +25,8 @@ from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.statistics import mean_intervals
 from causal_openlock.contract.learner import Account
 from causal_openlock.errors import OpenLockError, StoreError, in_short
-from causal_openlock.experiment.declare import SHOWN, Experiment
+from causal_openlock.experiment.condition import SHOWN
+from causal_openlock.experiment.declare import Experiment
 from causal_openlock.files.atomic import write_bytes, write_text
 from causal_openlock.files.checksums import ChecksumError, read_table, table_bytes
 from causal_openlock.files.escaping import csv_of

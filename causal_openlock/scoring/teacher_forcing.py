@@ -23,7 +23,8 @@ from causal_openlock.contract.checks import are_probabilities, failures_of
 from causal_openlock.contract.learner import Account, InformedLearner, Learner
 from causal_openlock.contract.registry import changed_parameters, create
 from causal_openlock.errors import LearnerError
-from causal_openlock.experiment.declare import SHOWN, LearnerSpec
+from causal_openlock.experiment.condition import SHOWN
+from causal_openlock.experiment.declare import LearnerSpec
 from causal_openlock.experiment.session import Session
 from causal_openlock.running.workers import worker_pool
 from causal_openlock.scoring.inverse_binomial import by_draws

@@ -30,7 +30,8 @@ from numpy.typing import NDArray
 from causal_openlock.contract.checks import GlobalRandomness, are_probabilities
 from causal_openlock.contract.learner import InformedLearner, Learner, View
 from causal_openlock.contract.registry import create, learner_class, parameter_table
-from causal_openlock.experiment.declare import Condition, Protocol, Trials, find_condition
+from causal_openlock.experiment.condition import Condition, Trials, find_condition
+from causal_openlock.experiment.protocol import Protocol
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.finding import bundled_schemas, find_schema
 from causal_openlock.schemas.schema import Schema

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 import causal_openlock as ol
 from causal_openlock.analysis.plots import style
-from causal_openlock.experiment.declare import PAPER_CONDITIONS
+from causal_openlock.experiment.condition import PAPER_CONDITIONS
 from causal_openlock.files.atomic import write_bytes
 
 HERE = Path(__file__).parent / "gallery"

@@ -17,7 +17,7 @@ from typing import Annotated, Literal
 import numpy as np
 
 from causal_openlock.contract.learner import Brief, Learner, Step, View
-from causal_openlock.experiment.declare import PAPER_ACTION_LIMIT
+from causal_openlock.experiment.protocol import PAPER_ACTION_LIMIT
 from causal_openlock.files.checksums import digest
 from causal_openlock.schemas.fsm import FloatArray
 from openlock_learners.networks.perception import Perception

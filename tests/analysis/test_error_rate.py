@@ -15,7 +15,7 @@ from scipy import stats
 from causal_openlock.analysis.effects import ALPHA, Group, holm, weighted_difference
 from causal_openlock.analysis.topics.pairwise import pairs as all_pairs
 from causal_openlock.analysis.topics.transfer import CONGRUENT, OTHER, transfer
-from causal_openlock.experiment.declare import PAPER_CONDITIONS
+from causal_openlock.experiment.condition import PAPER_CONDITIONS
 from support.paper_play import material, play
 
 pytestmark = pytest.mark.slow

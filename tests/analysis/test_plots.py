@@ -27,7 +27,7 @@ from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.topic import all_topics, sections_of
 from causal_openlock.comparison.plotting import Plots
 from causal_openlock.errors import NothingToDrawError, OpenLockError
-from causal_openlock.experiment.declare import PAPER_CONDITIONS
+from causal_openlock.experiment.condition import PAPER_CONDITIONS
 from causal_openlock.experiment.making import sweep
 from causal_openlock.experiment.record import CATEGORIES
 from causal_openlock.world import facts

@@ -23,7 +23,8 @@ from causal_openlock.contract.learner import Structure
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError, StoreError
 from causal_openlock.experiment.beside_record import read_answers, write_answers
-from causal_openlock.experiment.declare import PROTOCOLS, find_condition
+from causal_openlock.experiment.condition import find_condition
+from causal_openlock.experiment.protocol import PROTOCOLS
 from causal_openlock.files.atomic import write_bytes
 from causal_openlock.files.checksums import read_table, table_bytes
 from causal_openlock.schemas.schema import DOOR, Schema

@@ -10,7 +10,7 @@ import pytest
 from causal_openlock.belief.grammar import class_prior
 from causal_openlock.belief.hypotheses import RoomSight, enumerate_space, strengths
 from causal_openlock.belief.knowledge import RULE_CHANGES, BeliefParameters, Knowledge
-from causal_openlock.experiment.declare import Protocol
+from causal_openlock.experiment.protocol import Protocol
 from causal_openlock.schemas.schema import Schema
 from support.belief_arrays import (
     arrays_of,

@@ -11,7 +11,8 @@ from causal_openlock.belief.catalogue import distance
 from causal_openlock.belief.hypotheses import RoomSight
 from causal_openlock.belief.likelihoods import Event
 from causal_openlock.belief.sampling import Sampler, metropolis, sampled
-from causal_openlock.experiment.declare import PROTOCOLS, find_condition
+from causal_openlock.experiment.condition import find_condition
+from causal_openlock.experiment.protocol import PROTOCOLS
 from causal_openlock.schemas.schema import Schema
 from openlock_learners.bayes import Bayes
 from oracle import structure

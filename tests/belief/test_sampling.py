@@ -17,7 +17,7 @@ from causal_openlock.belief.likelihoods import DOOR, Event
 from causal_openlock.belief.marginals import Posterior
 from causal_openlock.belief.sampling import Sampler, sampled
 from causal_openlock.belief.structures import gate_dags
-from causal_openlock.experiment.declare import Condition, Trials
+from causal_openlock.experiment.condition import Condition, Trials
 from causal_openlock.schemas.schema import Gate, Schema
 from oracle import DOOR as ORACLES_DOOR
 from oracle import NOTHING, free_form, likelihood, structure

@@ -20,7 +20,8 @@ from causal_openlock.belief.structure_schemas import (
 )
 from causal_openlock.belief.trace import shown_name, trace_text, trace_trial
 from causal_openlock.contract.registry import create
-from causal_openlock.experiment.declare import PROTOCOLS, find_condition
+from causal_openlock.experiment.condition import find_condition
+from causal_openlock.experiment.protocol import PROTOCOLS
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.schemas.schema import DOOR, Gate, Schema

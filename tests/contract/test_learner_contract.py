@@ -13,8 +13,9 @@ from causal_openlock.belief import beliefs
 from causal_openlock.contract.learner import Learner
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError
-from causal_openlock.experiment.declare import PROTOCOLS, find_condition
+from causal_openlock.experiment.condition import find_condition
 from causal_openlock.experiment.plan import plan
+from causal_openlock.experiment.protocol import PROTOCOLS
 from causal_openlock.experiment.session import Session
 from causal_openlock.testing import LearnerContract
 from causal_openlock.world.randomness import Streams, generators

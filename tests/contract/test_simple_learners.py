@@ -10,7 +10,8 @@ from causal_openlock import compare, open_results
 from causal_openlock.analysis.topics.learning_cost import costs_by_learner, shown, subject_costs
 from causal_openlock.contract.one_subject import OneSubjectLearner, PerSubjectAdapter
 from causal_openlock.errors import LearnerError
-from causal_openlock.experiment.declare import PROTOCOLS, find_condition
+from causal_openlock.experiment.condition import find_condition
+from causal_openlock.experiment.protocol import PROTOCOLS
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.finding import bundled_schemas, find_schema
 from causal_openlock.testing import LearnerContract

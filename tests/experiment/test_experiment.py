@@ -13,7 +13,7 @@ from hypothesis import given, settings
 
 from causal_openlock.contract.registry import learner_class, registry
 from causal_openlock.errors import FileError
-from causal_openlock.experiment.declare import PAPER_CONDITIONS, Condition, find_condition
+from causal_openlock.experiment.condition import PAPER_CONDITIONS, Condition, find_condition
 from causal_openlock.experiment.making import (
     Changes,
     find_experiment,

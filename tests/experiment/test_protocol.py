@@ -5,15 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from causal_openlock.experiment.declare import (
-    PAPER_CONDITIONS,
-    Condition,
-    Protocol,
-    Trials,
-    find_protocol,
-)
+from causal_openlock.experiment.condition import PAPER_CONDITIONS, Condition, Trials
 from causal_openlock.experiment.making import Changes, learner, make_experiment, read_experiment
 from causal_openlock.experiment.plan import plan
+from causal_openlock.experiment.protocol import Protocol, find_protocol
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.room import Layout
 from support.session_play import HUMAN, RL, SCHEMAS, named

@@ -8,7 +8,8 @@ import pandas as pd
 import pytest
 
 from causal_openlock.contract.learner import Brief, Console, Step, View
-from causal_openlock.experiment.declare import Condition, Protocol, Trials
+from causal_openlock.experiment.condition import Condition, Trials
+from causal_openlock.experiment.protocol import Protocol
 from causal_openlock.experiment.record import record_schema, with_times
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.schema import Schema

@@ -21,8 +21,9 @@ from causal_openlock.analysis.topics.language_models import _Counts, _letters, _
 from causal_openlock.cli.folder import status
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.beside_record import read_answers, read_reactions, write_answers
-from causal_openlock.experiment.declare import PROTOCOLS, Protocol, find_condition
+from causal_openlock.experiment.condition import find_condition
 from causal_openlock.experiment.making import make_experiment, read_experiment
+from causal_openlock.experiment.protocol import PROTOCOLS, Protocol
 from causal_openlock.export.as_csv import write_csv
 from causal_openlock.files.checksums import ZEROS
 from causal_openlock.fitting.plan import Range, make_plan, read_plan

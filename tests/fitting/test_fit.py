@@ -11,8 +11,9 @@ from pydantic import Field
 from causal_openlock.analysis.results.references import POINT
 from causal_openlock.belief.beliefs import Beliefs
 from causal_openlock.belief.knowledge import BeliefParameters
-from causal_openlock.experiment.declare import PAPER_CONDITIONS, PROTOCOLS, find_condition
+from causal_openlock.experiment.condition import PAPER_CONDITIONS, find_condition
 from causal_openlock.experiment.making import read_experiment
+from causal_openlock.experiment.protocol import PROTOCOLS
 from causal_openlock.experiment.session import Session
 from causal_openlock.files.checksums import read_json
 from causal_openlock.fitting.plan import FitSettings, Range, bundled_plan, make_plan, read_plan

@@ -11,7 +11,9 @@ import pytest
 from causal_openlock import Results, Session, read_reactions
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import OpenLockError
-from causal_openlock.experiment.declare import PROTOCOLS, Experiment, find_condition
+from causal_openlock.experiment.condition import find_condition
+from causal_openlock.experiment.declare import Experiment
+from causal_openlock.experiment.protocol import PROTOCOLS
 from causal_openlock.export.as_csv import write_csv
 from causal_openlock.importing.folder import import_files
 from causal_openlock.storage.store import Store

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from causal_openlock.contract.registry import create
-from causal_openlock.experiment.declare import Protocol
+from causal_openlock.experiment.protocol import Protocol
 from causal_openlock.experiment.session import Session
 from openlock_learners.bayes_net_ddqn import BayesNetDDQN, BayesNetDDQNParameters
 from openlock_learners.ddqn import DDQN, DDQNParameters

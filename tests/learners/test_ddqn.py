@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from causal_openlock.experiment.declare import Protocol
+from causal_openlock.experiment.protocol import Protocol
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.finding import find_schema
 from openlock_learners.ddqn import DDQN, DDQNParameters, SemiMarkovDDQN, SemiMarkovDDQNParameters

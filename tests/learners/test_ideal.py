@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from causal_openlock.contract.registry import create
-from causal_openlock.experiment.declare import Condition, Protocol, Trials
+from causal_openlock.experiment.condition import Condition, Trials
+from causal_openlock.experiment.protocol import Protocol
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.schemas.schema import Gate, Schema

@@ -15,8 +15,9 @@ from causal_openlock.analysis.topics import language_models
 from causal_openlock.comparison.results import Results
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import CellsFailed, LearnerError, Stopped
-from causal_openlock.experiment.declare import Condition, Protocol, Trials
+from causal_openlock.experiment.condition import Condition, Trials
 from causal_openlock.experiment.making import read_experiment
+from causal_openlock.experiment.protocol import Protocol
 from causal_openlock.experiment.session import Session
 from causal_openlock.export.bundle import write_bundle
 from causal_openlock.render.words import Wording

@@ -13,8 +13,9 @@ from causal_openlock.analysis.topics import language_models
 from causal_openlock.comparison.results import Results
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import NotAvailableError
-from causal_openlock.experiment.declare import Condition, Protocol, Trials, find_condition
+from causal_openlock.experiment.condition import Condition, Trials, find_condition
 from causal_openlock.experiment.making import make_experiment
+from causal_openlock.experiment.protocol import Protocol
 from causal_openlock.experiment.session import Session
 from causal_openlock.render.words import Wording
 from causal_openlock.running.runner import run

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from causal_openlock.experiment.declare import Protocol
+from causal_openlock.experiment.protocol import Protocol
 from causal_openlock.experiment.session import Session
 from openlock_learners.recurrent import Recurrent, RecurrentParameters
 from support.session_play import one_room

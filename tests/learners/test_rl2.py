@@ -12,7 +12,8 @@ import torch
 
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError
-from causal_openlock.experiment.declare import PROTOCOLS, find_condition
+from causal_openlock.experiment.condition import find_condition
+from causal_openlock.experiment.protocol import PROTOCOLS
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.finding import bundled
 from openlock_learners.meta.training_file import TrainingFile, read_training

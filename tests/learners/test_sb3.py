@@ -16,9 +16,10 @@ from causal_openlock.contract.one_subject import OneSubjectLearner
 from causal_openlock.contract.registry import create
 from causal_openlock.envs import OpenLockEnv
 from causal_openlock.errors import LearnerError
-from causal_openlock.experiment.declare import Condition, Protocol, Trials
+from causal_openlock.experiment.condition import Condition, Trials
 from causal_openlock.experiment.making import learner as spec_of
 from causal_openlock.experiment.making import make_experiment
+from causal_openlock.experiment.protocol import Protocol
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.world.room import Layout

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from causal_openlock.contract.registry import create
-from causal_openlock.experiment.declare import find_condition
+from causal_openlock.experiment.condition import find_condition
 from causal_openlock.experiment.session import Session
 from support.session_play import HUMAN, one_room, play
 

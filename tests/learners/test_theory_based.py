@@ -8,7 +8,7 @@ import pytest
 
 from causal_openlock.analysis.measures import attempts_to_solve
 from causal_openlock.contract.registry import create
-from causal_openlock.experiment.declare import PAPER_CONDITIONS
+from causal_openlock.experiment.condition import PAPER_CONDITIONS
 from causal_openlock.experiment.session import Session
 from causal_openlock.paper.likeness import distance, points_of
 from causal_openlock.paper.published import model

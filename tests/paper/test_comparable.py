@@ -6,7 +6,7 @@ import pytest
 
 from causal_openlock.analysis.report.writing import figures_of
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.experiment.declare import PAPER_CONDITIONS
+from causal_openlock.experiment.condition import PAPER_CONDITIONS
 from causal_openlock.experiment.making import read_experiment
 from causal_openlock.paper.references import people
 from causal_openlock.schemas.schema import schema_from_dict

@@ -14,7 +14,8 @@ from mcp.client.stdio import StdioServerParameters, stdio_client
 
 import causal_openlock as ol
 from causal_openlock.experiment.beside_record import read_answers
-from causal_openlock.experiment.declare import PROTOCOLS, find_condition
+from causal_openlock.experiment.condition import find_condition
+from causal_openlock.experiment.protocol import PROTOCOLS
 from causal_openlock.experiment.session import Session
 from causal_openlock.play.agents import LAST, Agents, Subject, options_of
 from causal_openlock.play.game import Refused

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from causal_openlock import Results
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.beside_record import read_reactions
-from causal_openlock.experiment.declare import PROTOCOLS, find_condition
+from causal_openlock.experiment.condition import find_condition
+from causal_openlock.experiment.protocol import PROTOCOLS
 from causal_openlock.experiment.session import Session
 from causal_openlock.play.game import Refused
 from causal_openlock.play.people import dealt

@@ -9,7 +9,9 @@ from causal_openlock import Results
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.beside_record import read_answers
-from causal_openlock.experiment.declare import PERSON, PROTOCOLS, Experiment, find_condition
+from causal_openlock.experiment.condition import find_condition
+from causal_openlock.experiment.declare import PERSON, Experiment
+from causal_openlock.experiment.protocol import PROTOCOLS
 from causal_openlock.experiment.session import Session
 from causal_openlock.play.forgetting import forget_person
 from causal_openlock.play.game import Refused

@@ -72,7 +72,7 @@ def learner(name, **parameters):
 
 def begun(name, condition="CC3", layouts="published", **parameters):
     """Let a learner begin a session, at which it looks for all that it needs."""
-    protocol = of("causal_openlock.experiment.declare", "Protocol")("t", 2, True, layouts=layouts)
+    protocol = of("causal_openlock.experiment.protocol", "Protocol")("t", 2, True, layouts=layouts)
     session = of("causal_openlock.experiment.session", "Session")(
         ol.find_condition(condition), protocol, 1
     )
@@ -186,20 +186,19 @@ def graphml(parts):
 
 def session(condition="CC3", subjects=2, **settings):
     """Begin a session of a condition, under the protocol of people with some settings changed."""
-    module = "causal_openlock.experiment.declare"
     if isinstance(condition, str):
         condition = ol.find_condition(condition)
-    protocol = replace(of(module, "PROTOCOLS")["human"], **settings)
+    protocol = replace(ol.PROTOCOLS["human"], **settings)
     return of("causal_openlock.experiment.session", "Session")(condition, protocol, subjects)
 
 
 def trials(number, layouts=None):
     """A condition of so many trials in rooms of CC3."""
-    module, cc3 = "causal_openlock.experiment.declare", ol.find_schema("CC3")
+    cc3 = ol.find_schema("CC3")
     if isinstance(layouts, list):
         placed = of("causal_openlock.world.room", "Layout").of
         layouts = tuple(placed(cc3, layout) for layout in layouts)
-    return of(module, "Condition")("mine", (of(module, "Trials")(cc3, layouts, number),))
+    return ol.Condition("mine", (ol.Trials(cc3, layouts, number),))
 
 
 def believed(schema):

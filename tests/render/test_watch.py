@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import causal_openlock as ol
-from causal_openlock.experiment.declare import PROTOCOLS, find_condition
+from causal_openlock.experiment.condition import find_condition
+from causal_openlock.experiment.protocol import PROTOCOLS
 from causal_openlock.render.film import play_trial, shots
 from causal_openlock.render.watch import BELIEVED, TRUE, belief_svg
 

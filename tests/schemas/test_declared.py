@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 import causal_openlock as ol
 from causal_openlock.errors import OpenLockError
-from causal_openlock.experiment.declare import find_condition
+from causal_openlock.experiment.condition import find_condition
 from causal_openlock.files.yaml_file import Document, dump_yaml
 from causal_openlock.schemas.finding import bundled_schemas, find_schema, schema
 from causal_openlock.schemas.graphs import import_schema, write_schema

@@ -16,7 +16,7 @@ from causal_openlock.analysis.effects import holm
 from causal_openlock.analysis.table import p_value
 from causal_openlock.analysis.topic import sections_of
 from causal_openlock.errors import OpenLockError, StoreError
-from causal_openlock.experiment.declare import find_condition
+from causal_openlock.experiment.condition import find_condition
 from causal_openlock.files.checksums import read_table, table_bytes
 from causal_openlock.scoring.recorded import record_digest
 from causal_openlock.scoring.scores import FOLDER, FOLLOWED, RECORD, SUBJECT, Scores

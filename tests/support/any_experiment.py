@@ -3,7 +3,8 @@
 from hypothesis import strategies as st
 
 import causal_openlock as ol
-from causal_openlock.experiment.declare import Condition, Protocol, Trials
+from causal_openlock.experiment.condition import Condition, Trials
+from causal_openlock.experiment.protocol import Protocol
 from causal_openlock.testing import layouts, schemas
 from causal_openlock.world.rewards import PRESETS
 

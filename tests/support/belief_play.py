@@ -8,7 +8,8 @@ import numpy as np
 from causal_openlock.belief.beliefs import Beliefs
 from causal_openlock.belief.grammar import class_prior
 from causal_openlock.belief.knowledge import BeliefParameters
-from causal_openlock.experiment.declare import Condition, Protocol, Trials
+from causal_openlock.experiment.condition import Condition, Trials
+from causal_openlock.experiment.protocol import Protocol
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.finding import find_schema
 from oracle import DOOR, likelihood, normalised, structure

@@ -5,17 +5,11 @@ import json
 from causal_openlock.analysis.measures import count
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.references import Reference, references_of
-from causal_openlock.experiment.declare import (
-    PAPER_CONDITIONS,
-    PROTOCOLS,
-    RANDOM_CLASS,
-    Condition,
-    LearnerSpec,
-    Protocol,
-    find_condition,
-)
+from causal_openlock.experiment.condition import PAPER_CONDITIONS, Condition, find_condition
+from causal_openlock.experiment.declare import RANDOM_CLASS, LearnerSpec
 from causal_openlock.experiment.making import read_experiment
 from causal_openlock.experiment.origin import Origin
+from causal_openlock.experiment.protocol import PROTOCOLS, Protocol
 from causal_openlock.files.checksums import json_bytes, read_json
 from causal_openlock.schemas.finding import bundled_schemas
 from causal_openlock.storage.store import StoredExperiment, parse_experiment

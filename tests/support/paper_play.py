@@ -6,7 +6,7 @@ import numpy as np
 
 from causal_openlock.analysis.measures import count
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.experiment.declare import PAPER_CONDITIONS
+from causal_openlock.experiment.condition import PAPER_CONDITIONS
 from support.fabricated_records import table, trial_rows
 from support.made_up_experiments import BESIDE_ALL, experiment_of
 

@@ -11,7 +11,8 @@ import urllib.request
 from contextlib import contextmanager
 from secrets import token_urlsafe
 
-from causal_openlock.experiment.declare import PROTOCOLS, find_condition
+from causal_openlock.experiment.condition import find_condition
+from causal_openlock.experiment.protocol import PROTOCOLS
 from causal_openlock.play.people import People
 from support.waiting import HANGS
 

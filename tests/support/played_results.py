@@ -7,8 +7,9 @@ import pyarrow as pa
 
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.contract.registry import create
-from causal_openlock.experiment.declare import PAPER_CONDITIONS, PROTOCOLS
+from causal_openlock.experiment.condition import PAPER_CONDITIONS
 from causal_openlock.experiment.making import Changes, find_experiment, read_experiment, sweep
+from causal_openlock.experiment.protocol import PROTOCOLS
 from causal_openlock.experiment.session import Session
 from support.fabricated_records import record_of_every_figure, table
 from support.made_up_experiments import NOBODY, experiment_of, stored

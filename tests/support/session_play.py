@@ -5,7 +5,8 @@ from functools import cache
 import numpy as np
 
 from causal_openlock.contract.learner import Learner, Step
-from causal_openlock.experiment.declare import PROTOCOLS, Condition, Trials, find_condition
+from causal_openlock.experiment.condition import Condition, Trials, find_condition
+from causal_openlock.experiment.protocol import PROTOCOLS
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.finding import bundled_schemas
 from causal_openlock.world.randomness import Streams

@@ -8,8 +8,10 @@ import pyarrow as pa
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.references import POINT_COLUMNS, Reference
 from causal_openlock.contract.registry import create
-from causal_openlock.experiment.declare import PAPER_CONDITIONS, PERSON, PROTOCOLS
+from causal_openlock.experiment.condition import PAPER_CONDITIONS
+from causal_openlock.experiment.declare import PERSON
 from causal_openlock.experiment.origin import Origin
+from causal_openlock.experiment.protocol import PROTOCOLS
 from causal_openlock.experiment.session import Session
 from causal_openlock.version import RESULTS_VERSION, __version__
 from causal_openlock.world.rewards import find_reward

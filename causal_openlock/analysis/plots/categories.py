@@ -23,7 +23,7 @@ from causal_openlock.analysis.plots.panels import Names, in_rows, panels, rows_o
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.statistics import sizes
 from causal_openlock.errors import NothingToDrawError, OpenLockError
-from causal_openlock.experiment.declare import HUMAN_PROTOCOL
+from causal_openlock.experiment.protocol import HUMAN_PROTOCOL
 from causal_openlock.experiment.record import CATEGORIES
 from causal_openlock.wording import nearest
 

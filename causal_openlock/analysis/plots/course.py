@@ -31,7 +31,7 @@ from causal_openlock.analysis.plots.panels import Names, in_rows, panels, trials
 from causal_openlock.analysis.results.bounds import bounds_of
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.statistics import sizes
-from causal_openlock.experiment.declare import PAPER_CONDITIONS
+from causal_openlock.experiment.condition import PAPER_CONDITIONS
 
 _FAMILIES = (BASELINES, TRANSFERS[:2], TRANSFERS[2:])
 _TOGETHER = 4  # conditions of one's own in a panel

@@ -7,7 +7,9 @@ from typing import Any
 
 import pandas as pd
 
-from causal_openlock.experiment.declare import Experiment, Protocol, Trials
+from causal_openlock.experiment.condition import Trials
+from causal_openlock.experiment.declare import Experiment
+from causal_openlock.experiment.protocol import Protocol
 from causal_openlock.files.validation import several
 from causal_openlock.wording import counted
 
@@ -68,7 +70,7 @@ def described(
 def budgets(protocol: Protocol) -> str:
     """The budgets of a protocol in sentences.
 
-    >>> from causal_openlock.experiment.declare import PROTOCOLS
+    >>> from causal_openlock.experiment.protocol import PROTOCOLS
     >>> budgets(PROTOCOLS["human"])[:71]
     'At most 30 attempts in a trial, which ends as soon as it is solved. Bas'
     """

@@ -16,7 +16,8 @@ from causal_openlock.analysis.measures import CELL, SUBJECT
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.table import share
 from causal_openlock.experiment.beside_record import REACTIONS, read_reactions
-from causal_openlock.experiment.declare import HUMAN_PROTOCOL, PERSON
+from causal_openlock.experiment.declare import PERSON
+from causal_openlock.experiment.protocol import HUMAN_PROTOCOL
 from causal_openlock.wording import counted, joined, some
 
 IN_WORDS = {"baseline": "a baseline", "transfer": "transfer"}  #: kinds of conditions

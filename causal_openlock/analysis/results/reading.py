@@ -14,7 +14,8 @@ import pyarrow as pa
 
 from causal_openlock.analysis.measures import CELL, SUBJECT
 from causal_openlock.errors import StoreError
-from causal_openlock.experiment.declare import PERSON, SHOWN, Condition, LearnerSpec
+from causal_openlock.experiment.condition import SHOWN, Condition
+from causal_openlock.experiment.declare import PERSON, LearnerSpec
 from causal_openlock.storage.store import Store, StoredExperiment
 from causal_openlock.storage.versions import merged_versions
 from causal_openlock.wording import joined

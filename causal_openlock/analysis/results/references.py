@@ -21,7 +21,8 @@ import pandas as pd
 
 from causal_openlock.analysis.measures import CELL
 from causal_openlock.errors import OpenLockError
-from causal_openlock.experiment.declare import Condition, Experiment, LearnerSpec
+from causal_openlock.experiment.condition import Condition
+from causal_openlock.experiment.declare import Experiment, LearnerSpec
 from causal_openlock.files.plugins import REFERENCES, loaded, registered
 from causal_openlock.schemas.fsm import BoolArray
 from causal_openlock.wording import counted

@@ -18,7 +18,8 @@ from causal_openlock.analysis.measures import CELL, VISIT, ordered
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.contract.registry import create, is_ours, learner_class, origin
 from causal_openlock.errors import NothingToDrawError, OpenLockError
-from causal_openlock.experiment.declare import SHOWN, LearnerSpec
+from causal_openlock.experiment.condition import SHOWN
+from causal_openlock.experiment.declare import LearnerSpec
 from causal_openlock.experiment.plan import phases_of
 from causal_openlock.files.validation import whole_number
 from causal_openlock.storage.versions import other_versions

@@ -23,7 +23,7 @@ from causal_openlock.analysis.results.references import Reference, gap_column
 from causal_openlock.analysis.statistics import APPROXIMATE, FEW_SUBJECTS
 from causal_openlock.analysis.table import Table, number, p_value, printed, records, share
 from causal_openlock.analysis.topics.pairwise import Outcomes, all_outcomes, compared
-from causal_openlock.experiment.declare import HUMAN_PROTOCOL
+from causal_openlock.experiment.protocol import HUMAN_PROTOCOL
 from causal_openlock.wording import counted, joined, some
 from causal_openlock.world.room import positions_for
 

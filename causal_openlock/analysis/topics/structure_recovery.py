@@ -35,7 +35,8 @@ from causal_openlock.contract.learner import Learner, Structure
 from causal_openlock.contract.registry import create, parse_parameters
 from causal_openlock.errors import NothingToDrawError, OpenLockError
 from causal_openlock.experiment.beside_record import read_answers
-from causal_openlock.experiment.declare import SHOWN, Condition, LearnerSpec
+from causal_openlock.experiment.condition import SHOWN, Condition
+from causal_openlock.experiment.declare import LearnerSpec
 from causal_openlock.experiment.plan import phases_of
 from causal_openlock.experiment.record import PHASES
 from causal_openlock.experiment.session import AT_ONCE, Session

@@ -30,7 +30,7 @@ from causal_openlock.analysis.results.references import Reference, gap_column
 from causal_openlock.analysis.table import Table, p_value, printed
 from causal_openlock.analysis.topic import Section, Topic, drawn, sentences
 from causal_openlock.errors import NothingToDrawError
-from causal_openlock.experiment.declare import HUMAN_PROTOCOL
+from causal_openlock.experiment.protocol import HUMAN_PROTOCOL
 from causal_openlock.wording import file_names, joined, some
 
 CONGRUENT = {"CC4": "CC3-CC4", "CE4": "CE3-CE4"}  #: the congruent condition of a test

@@ -8,7 +8,7 @@ import networkx as nx
 import numpy as np
 
 from causal_openlock.errors import SchemaError
-from causal_openlock.experiment.declare import PAPER_ACTION_LIMIT
+from causal_openlock.experiment.protocol import PAPER_ACTION_LIMIT
 from causal_openlock.schemas.schema import DOOR, Gate, Schema
 
 MOST_SOLUTIONS = 4

@@ -15,7 +15,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from causal_openlock.contract.learner import Brief, Step, View
-from causal_openlock.experiment.declare import default_action_limit
+from causal_openlock.experiment.protocol import default_action_limit
 from causal_openlock.schemas.fsm import BoolArray, IntArray
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.facts import room_facts

@@ -9,7 +9,8 @@ import torch
 from causal_openlock.contract.registry import create
 from causal_openlock.envs import OpenLockEnv
 from causal_openlock.errors import ExperimentError, Interrupted
-from causal_openlock.experiment.declare import Protocol, find_condition
+from causal_openlock.experiment.condition import find_condition
+from causal_openlock.experiment.protocol import Protocol
 from causal_openlock.experiment.session import Session
 from causal_openlock.files.seal import sealed
 from causal_openlock.schemas.finding import find_schema
