@@ -47,7 +47,7 @@ def forget_person(
     conditions = {one.name: one for one in experiment.conditions}
     if any(spec.learner not in (PERSON, AGENT) for spec in experiment.learners):
         raise StoreError(f"{folder} is of learners; what people did is in a folder of play")
-    if condition is None and len(conditions) > 1:
+    if not condition and len(conditions) > 1:
         raise StoreError(f"say which condition, with --condition: {', '.join(conditions)}")
     condition = condition or next(iter(conditions))
     if condition not in conditions:

@@ -223,7 +223,8 @@ def test_what_one_person_did_is_deleted_and_others_go_on(tmp_path):
     assert again.number == 5
     again.close()
     assert len(Results.read(tmp_path).trials) == 2 + 5 + 2
-    for chosen, named in ((condition, f"person {subject} in"), (None, "--condition: C")):
+    which = "say which condition"
+    for chosen, named in ((condition, f"person {subject} in"), (None, which), ("", which)):
         with pytest.raises(StoreError, match=named):
             forget_person(tmp_path, subject, chosen)
 
