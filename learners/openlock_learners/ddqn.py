@@ -151,8 +151,8 @@ class DDQN(Learner):
         transition = Batch(
             before=self._table.number(before[who]),
             action=step.action[who],
-            reward=step.reward[who],
             after=self._table.number(after[who]),
+            reward=step.reward[who],
             not_done=~done[who],
         )
         self._replay.add(who, transition)

@@ -57,7 +57,7 @@ def test_a_value_ends_with_the_attempt_or_reaches_over_it(over_attempts):
     learner, session = begun(settings, attempt_limit=2)
     lever = session.truth.rooms[0].action_of(["L0"])[0]
     play(learner, session, [lever, 14, 14, 14, 14, 14])
-    before, _, _, after, not_done = learner._replay.rings[:, 0, :6].astype(int).tolist()
+    before, _, after, _, not_done = learner._replay.rings[:, 0, :6].astype(int).tolist()
     # Two attempts of three actions, and the trial is over with the second.
     assert not_done == ([1, 1, 1, 1, 1, 0] if over_attempts else [1, 1, 0, 1, 1, 0])
     third, start = learner._table.rows[after[2]], learner._table.rows[before[3]]
@@ -137,5 +137,5 @@ def test_what_follows_a_solution_knows_of_it(over_attempts):
     settings = replace(SEMI, bootstrap_over_attempts=over_attempts)
     learner, session = begun(settings, kind=SemiMarkovDDQN, condition=ROOM4)
     play(learner, session, solving(session, 0, 1))
-    rows = learner._table.rows[learner._replay.rings[3, 0, :6].astype(int)]
+    rows = learner._table.rows[learner._replay.rings[2, 0, :6].astype(int)]
     assert rows[:, 16:].sum(axis=1).tolist() == [0, 0, 1, 1, 1, 2]

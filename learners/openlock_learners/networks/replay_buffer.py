@@ -40,8 +40,8 @@ class Batch(NamedTuple):
 
     before: IntArray  # number of the observation that the action was taken in
     action: IntArray
-    reward: Any
     after: IntArray  # number of the observation that followed
+    reward: Any
     not_done: Any  # 1 where the value of what followed counts, 0 where the TD target is the reward
 
 
@@ -54,7 +54,7 @@ class ReplayBuffer:
         self._next: IntArray = np.zeros(subjects, dtype=np.int64)
         self._begins: IntArray = np.arange(subjects)[:, None] * capacity
         # One array takes one call to write or to read; double precision holds all integers here.
-        #: ``[5, B, capacity]`` the parts of the transitions
+        #: ``[5, B, capacity]`` the parts of the transitions, in an order that checkpoints rely on
         self.rings: FloatArray = np.zeros((5, subjects, capacity))
 
     def add(self, who: IntArray, transition: Batch) -> None:
@@ -71,5 +71,5 @@ class ReplayBuffer:
         """
         slots = (uniform * self.length[:, None]).astype(np.int64)
         held = self.rings.reshape(5, -1).take(slots + self._begins, axis=1)
-        before, action, after = held[[0, 1, 3]].astype(np.int64)
-        return Batch(before, action, held[2], after, held[4])
+        before, action, after = held[:3].astype(np.int64)
+        return Batch(before, action, after, reward=held[3], not_done=held[4])

@@ -30,7 +30,7 @@ def minibatch(rng, known, many=32):
     shape = (len(known), many)
     before, after = ((rng.random(shape) * np.array(known)[:, None]).astype(int) for _ in range(2))
     action, reward = rng.integers(0, 15, shape), rng.normal(0, 3, shape)
-    return Batch(before, action, reward, after, (rng.random(shape) < 0.6).astype(float))
+    return Batch(before, action, after, reward, (rng.random(shape) < 0.6).astype(float))
 
 
 def layers_of(q):
@@ -67,7 +67,7 @@ class PlainDoubleQ:
         return [one for p in self.online for one in (p.data, *[*moments[p].values()][1:])]
 
     def update(self, batch, trains):
-        before, action, reward, after, not_done = map(torch.as_tensor, batch)
+        before, action, after, reward, not_done = map(torch.as_tensor, batch)
         agent = torch.arange(self.agents)[:, None]
         values = self.values(self.online)
         with torch.no_grad():

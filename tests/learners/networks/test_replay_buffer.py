@@ -14,7 +14,7 @@ def filled(replay, many):
     for t in range(many):
         mark = 100 * who + t
         even = np.full(len(who), t % 2 == 0)
-        replay.add(who, Batch(mark, mark, mark.astype(float), mark, even))
+        replay.add(who, Batch(mark, mark, mark, mark.astype(float), even))
     return replay
 
 
@@ -22,7 +22,7 @@ def test_a_full_ring_overwrites_its_oldest_transition():
     assert filled(ReplayBuffer(2, 5), many=3).length.tolist() == [3, 3]
     replay = filled(ReplayBuffer(2, 5), many=12)
     assert replay.length.tolist() == [5, 5]
-    before, action, reward, after, not_done = replay.rings
+    before, action, after, reward, not_done = replay.rings
     assert sorted(before[1].tolist()) == [107, 108, 109, 110, 111]
     for column in (action, reward, after):
         assert np.array_equal(column, before)
