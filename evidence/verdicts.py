@@ -84,7 +84,7 @@ def estimate(*groups: Group) -> Estimate:
     def ends(level: float) -> Ends:
         return weighted_difference(groups, level=level)[1:3]
 
-    units = tuple(group.size for group in groups if group.values is not None)
+    units = tuple(group.size for group in groups if len(group.values))
     return Estimate(weighted_difference(groups).value, ends, units, groups)
 
 
