@@ -45,12 +45,14 @@ from causal_openlock.experiment.protocol import (
     Count,
     Name,
     OwnProtocols,
-    Protocol,
     Seed,
     Subjects,
     context_of,
     declares,
     label_of,
+)
+from causal_openlock.experiment.protocol import (  # play/person.py, whose hash is in identities
+    Protocol as Protocol,
 )
 from causal_openlock.files.validation import Part, adapter, part, plain, present, read
 from causal_openlock.schemas.schema import JSON_SCHEMA_ID, Schema

@@ -6,8 +6,7 @@ from typing import NoReturn
 
 from causal_openlock.contract.learner import Brief, Learner, NoParameters, View
 from causal_openlock.errors import LearnerError
-from causal_openlock.experiment.declare import PERSON, LearnerSpec
-from causal_openlock.experiment.protocol import Protocol
+from causal_openlock.experiment.declare import PERSON, LearnerSpec, Protocol
 from causal_openlock.world.rewards import RewardFunction
 
 LABEL = "person"
