@@ -101,14 +101,13 @@ class Trials(Part):
 
 def _trials(value: Any, info: ValidationInfo) -> Any:
     """Trials in a list; a schema alone stands for trials in its rooms."""
-    is_read = info.context is not None  # a condition made in Python says itself what is shown
-    if isinstance(value, Mapping) and info.field_name == "train" and is_read:
+    if isinstance(value, Mapping) and info.field_name == "train":
         return adapter(Shown).validate_python(value, context=info.context).shown
     groups = value if isinstance(value, list | tuple) else [value]
     if isinstance(value, Mapping) or any(isinstance(g, Mapping) and SHOWN in g for g in groups):
         raise ExperimentError(
             "write a schema by name or path, or a list of trials; what is shown is the whole of "
-            "train, as in train: {shown: CC3} of a file, or shown=True of a Condition"
+            "train, as in train: {shown: CC3}"
         )
     return [group if isinstance(group, Mapping | Trials) else {"schema": group} for group in groups]
 

@@ -117,41 +117,46 @@ def _text(path: Path) -> str:
         raise OpenLockError(f"{path} cannot be read ({why}); give a file of CSV or JSON") from None
 
 
-def _table(text: str, path: Path) -> Iterable[tuple[str, Row]]:
+def _table(text: str, path: Path) -> Iterator[tuple[str, Row]]:
     """The actions in a table, each with its place."""
     separator = max(",;\t|", key=text.lstrip().partition("\n")[0].count)
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
-    lines, begins = [], 1  # a cell may have several lines
-    try:
-        for cells in reader:
-            lines.append((f"{path}:{begins}", [cell.strip() for cell in cells]))
-            begins = reader.line_num + 1
-    except csv.Error as error:
-        raise OpenLockError(f"{path}:{begins}: this is not CSV ({error})") from None
-    (first, heads), *filled = [line for line in lines if any(line[1])] or [(f"{path}:1", [])]
+
+    def lines() -> Iterator[tuple[str, list[str]]]:
+        begins = 1  # a cell may have several lines
+        try:
+            for cells in reader:
+                place, begins = f"{path}:{begins}", reader.line_num + 1
+                if any(map(str.strip, cells)):
+                    yield place, [cell.strip() for cell in cells]
+        except csv.Error as error:
+            raise OpenLockError(f"{path}:{begins}: this is not CSV ({error})") from None
+
+    def rows() -> Iterator[tuple[str, Row]]:
+        for place, cells in table:
+            if len(cells) != len(header):
+                raise OpenLockError(f"{place}: there are not {len(header)} cells; is it whole?")
+            row = dict(zip(header, cells, strict=True))
+            if separator != ",":
+                row |= {name: row[name].replace(",", ".") for name in SECONDS if name in row}
+            yield place, row
+
+    table = lines()
+    first, heads = next(table, (f"{path}:1", []))
     header = [" ".join(head.split()) for head in heads]
     if twice := [name for name in header if name and header.count(name) > 1]:
         raise OpenLockError(f"{first}: the column {twice[0]} is there twice")
-    is_export = {*record_schema().names} <= {*header}
-    is_jspsych = "trial_type" in header or "time_elapsed" in header
-    missing = [name for name in NEEDED[is_jspsych:] if name not in header]
-    if missing and not is_export:
+    jspsych = "trial_type" in header or "time_elapsed" in header
+    if {*record_schema().names} <= {*header}:
+        yield from _of_attempts(rows())
+    elif missing := [name for name in NEEDED[jspsych:] if name not in header]:
         raise OpenLockError(
             f"{first}: there is no column {missing[0]}; found: {', '.join(header)}; a table of "
             f"actions has {', '.join(NEEDED)}, and an export of this project the columns of a "
             "record"
         )
-    rows: list[tuple[str, Row]] = []
-    for place, cells in filled:
-        if len(cells) != len(header):
-            raise OpenLockError(f"{place}: there are not {len(header)} cells; is it whole?")
-        row = dict(zip(header, cells, strict=True))
-        if separator != ",":
-            row |= {name: row[name].replace(",", ".") for name in SECONDS if name in row}
-        rows.append((place, row))
-    if is_export:
-        return _of_attempts(rows)
-    return _screens(rows, path) if is_jspsych else rows
+    else:
+        yield from _screens(rows(), path) if jspsych else rows()
 
 
 def _of_attempts(rows: Iterable[tuple[str, Row]]) -> Iterator[tuple[str, Row]]:
@@ -160,10 +165,10 @@ def _of_attempts(rows: Iterable[tuple[str, Row]]) -> Iterator[tuple[str, Row]]:
         actions, moved = row["actions"].split(), row["moved"].split()
         if not actions or len(actions) != len(moved):
             raise OpenLockError(f"{place}: actions and moved must be of one length, at least 1")
-        of_actions = {**row, **dict.fromkeys(CLAIMS)}
+        kept = {name: row[name] for name in row if name not in CLAIMS}
         for number, (action, flag) in enumerate(zip(actions, moved, strict=True), 1):
             ended = row["wall_time"] if number == len(actions) else ""
-            yield place, {**of_actions, "action": action, "moved": flag, "time": ended}
+            yield place, {**kept, "action": action, "moved": flag, "time": ended}
 
 
 def _screens(rows: Iterable[tuple[str, Row]], path: Path) -> Iterator[tuple[str, Row]]:

@@ -14,8 +14,8 @@ near-optimal, but no exact bound. Edges of different strengths all get their mea
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from functools import cache, lru_cache
+from dataclasses import astuple
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -125,15 +125,15 @@ class _Solver:
                 f"the ideal observer lists every way to place the levers, and {error}; leave this "
                 "learner or this schema out"
             ) from None
-        self._exact: Callable[[Point], list[int]] | None = None
-        self._planned: dict[Any, list[int]] = {}
+        self._optimum: Optimum | None = None
+        self._best: dict[Any, tuple[int, ...]] = {}
         how = strengths(0.0)
         if schema.deterministic:
             try:
                 optimum = Optimum(hypotheses, np.ones(len(hypotheses)), action_limit)
                 optimum.attempts()
                 optimum.node_limit = math.inf  # it is in reach, whatever was computed before
-                self._exact = cache(optimum.best)
+                self._optimum = optimum
             except TooLargeError:
                 pass
         else:  # certainty, and the mean strength of the schema's edges
@@ -145,25 +145,29 @@ class _Solver:
         listed = Catalogue(hypotheses.structures, every, every, 0 * every, np.ones(len(every)))
         self.space = Space(sight, how, ((tuple(range(levers)), listed),))
 
-    def best(self, belief: Belief, situation: Situation, seeking: bool) -> list[int]:
+    def best(self, belief: Belief, situation: Situation, seeking: bool) -> tuple[int, ...]:
         """The actions that are best: pushes by slot, then pulls, then the door.
 
         If it is not ``seeking`` a solution that is left to find, any solution counts.
         """
-        if self._exact and seeking:
-            possible = bits(np.isin(np.arange(len(self.space)), belief.which))
-            return self._exact(Point(possible, situation.found, situation.pushed, situation.left))
+        if self._optimum is not None and seeking:
+            key = (belief.which.tobytes(), situation)
+            if key not in self._best:
+                possible = np.isin(np.arange(len(self.space)), belief.which)
+                at = Point(bits(possible), situation.found, situation.pushed, situation.left)
+                self._best[key] = tuple(self._optimum.best(at))
+            return self._best[key]
         chosen, counts = thinned(belief.weight, PLANNED)
         which = belief.which[chosen]
-        key = (which.tobytes(), counts.tobytes(), situation, seeking)
-        if key not in self._planned:  # plan for the rest of the attempt
+        key = (which.tobytes(), counts.tobytes(), *astuple(situation), seeking)
+        if key not in self._best:  # plan for the rest of the attempt
             objective = Objective() if seeking else Objective(information=0.0)
             planner = Planner(self.space.hypotheses[which], self.space.strengths, objective)
             values = planner.values(counts, situation)
             levers = len(values) - 1
             best = np.flatnonzero(values >= values.max() - TIE).tolist()
-            self._planned[key] = [2 * levers if slot == levers else slot for slot in best]
-        return self._planned[key]
+            self._best[key] = tuple(2 * levers if slot == levers else slot for slot in best)
+        return self._best[key]
 
 
 _solver = lru_cache(maxsize=32)(_Solver)

@@ -16,6 +16,7 @@ from functools import lru_cache
 import pandas as pd
 
 from causal_openlock.experiment.declare import Experiment
+from causal_openlock.experiment.protocol import default_action_limit
 from causal_openlock.schemas.schema import Schema
 
 Bounds = Mapping[tuple[str, str, str], float]
@@ -31,18 +32,18 @@ def ideal_bounds(experiment: Experiment) -> Bounds:
         protocols have its name.
     """
     names = Counter(protocol.name for protocol in experiment.protocols)
-    protocols = [one for one in experiment.protocols if names[one.name] == 1]
     found: dict[tuple[str, str, str], float] = {}
     for condition in experiment.conditions:
         for phase, trials in (("train", condition.train), ("test", condition.test)):
             schemas = {one.schema for one in trials}
-            if len(schemas) != 1:
-                continue
-            (schema,) = schemas
-            for protocol in protocols:
-                attempts, most = _solved(schema, protocol.actions_for(schema))
-                if attempts is not None and most <= protocol.attempt_limit:
-                    found[condition.name, protocol.name, phase] = attempts
+            for protocol in experiment.protocols:
+                if len(schemas) > 1 or names[protocol.name] > 1:
+                    continue
+                for schema in schemas:
+                    limit = protocol.action_limit or default_action_limit(schema)
+                    attempts, most = _solved(schema, limit)
+                    if attempts is not None and most <= protocol.attempt_limit:
+                        found[condition.name, protocol.name, phase] = attempts
     return found
 
 
