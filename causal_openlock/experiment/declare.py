@@ -51,9 +51,9 @@ from causal_openlock.experiment.protocol import (
     declares,
     label_of,
 )
-from causal_openlock.experiment.protocol import (  # play/person.py, whose hash is in identities
-    Protocol as Protocol,
-)
+
+# For play/person.py, whose text must not change: its hash is in the identity of people's folders.
+from causal_openlock.experiment.protocol import Protocol as Protocol
 from causal_openlock.files.validation import Part, adapter, part, plain, present, read
 from causal_openlock.schemas.schema import JSON_SCHEMA_ID, Schema
 from causal_openlock.version import RESULTS_VERSION

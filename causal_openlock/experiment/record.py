@@ -74,7 +74,7 @@ def record_schema() -> pa.Schema:
 
 
 def with_times(record: pa.Table, actions: Iterable[Mapping[str, Any]], trials: int) -> pa.Table:
-    """The attempts of a person's first ``trials``, with their times in place of the session's.
+    """The attempts of a subject's first ``trials``, with their times in place of the session's.
 
     The times are those of the last of their ``actions``, which are rows as
     :func:`~causal_openlock.experiment.beside_record.write_reactions` takes them.

@@ -323,7 +323,7 @@ class People:
         )
         if answers:
             write_answers(folder / STRUCTURES / cell.file_name, answers)
-        # The trial that a person is in, or has left for good, is no trial of the record.
+        # A trial that is not over, also of somebody who has left for good, is not recorded.
         if (timed := with_times(record, done, over)).num_rows:
             self.store.write(cell, timed)
         self._written[game.number] = rows

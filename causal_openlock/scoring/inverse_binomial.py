@@ -220,7 +220,7 @@ def by_draws(
 def _ask(
     part: Recorded, scored: LearnerSpec, places: Sequence[int], of_each: range, tally: Tally
 ) -> None:
-    """Replay subjects, with the copies of these numbers of each, and note what the copies do."""
+    """Replay subjects with copies of the learner, numbered ``of_each``, and note what they do."""
     session, learner = part.session(scored, places), create(scored.learner, scored.parameters)
     copies = len(of_each)
     numbers = [part.numbers[place] * 10**6 + copy for place in places for copy in of_each]
