@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import Field, model_validator
 
-from causal_openlock.contract.parameters import Count
+from causal_openlock.contract.parameters import Count, NotNegative, Whole
 from causal_openlock.errors import EvidenceError
 from causal_openlock.experiment.condition import PAPER_CONDITIONS
 from causal_openlock.experiment.declare import Experiment
@@ -94,7 +94,7 @@ class Contrast(StrictModel):
     of: str
     minus: str | float
     expected: Literal["less", "more", "same"]
-    smallest: Annotated[float, Field(ge=0)] = 0.0
+    smallest: NotNegative = 0.0
 
     @model_validator(mode="after")
     def _says_what_matters(self) -> Contrast:
@@ -151,7 +151,7 @@ class Theories(StrictModel):
     ``sets`` are fitted, with ``candidates``.
     """
 
-    draws: Annotated[int, Field(ge=0)] = 0
+    draws: Whole = 0
     outside: list[Name] = Field(default_factory=list)
     parameters: list[Name] = Field(default_factory=list)
     sets: Count = 20

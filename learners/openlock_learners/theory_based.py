@@ -55,7 +55,7 @@ MOST = 10.0
 """The greatest local belief at the start of a room; the least is 1."""
 TIE = 1e-9
 """Relative difference up to which actions are equally good."""
-NotNegative = Annotated[float, Field(ge=0, le=1e6)]
+Strength = Annotated[float, Field(ge=0, le=1e6)]
 
 
 @dataclass(frozen=True)
@@ -69,11 +69,11 @@ class TheoryBasedParameters:
     beliefs: Annotated[
         Literal["sampled", "mean"], "whether each attempt acts on a sample of its beliefs"
     ] = "sampled"
-    local_gain: Annotated[NotNegative, "what a change adds to beliefs about its attributes"] = 0.075
-    global_gain: Annotated[NotNegative, "what a trial adds to the global beliefs"] = 1.6
-    schema_gain: Annotated[NotNegative, "what a solved room adds to the belief in its schema"] = 2.4
+    local_gain: Annotated[Strength, "what a change adds to beliefs about its attributes"] = 0.075
+    global_gain: Annotated[Strength, "what a trial adds to the global beliefs"] = 1.6
+    schema_gain: Annotated[Strength, "what a solved room adds to the belief in its schema"] = 2.4
     edit_weight: Annotated[
-        NotNegative, "how much less likely an abstract schema is with each edit, in nats"
+        Strength, "how much less likely an abstract schema is with each edit, in nats"
     ] = 0.8
 
 
